@@ -241,7 +241,7 @@ class Output:
     Raises
     ------
     RecordingError
-        As `PartFile`, for either file.
+        As `PartFile`, for either file; or if the copy is to be in the folder of the recording.
     """
 
     def __init__(self, path: Path, *, second_copy: Path | None, overwrite: bool) -> None:
@@ -249,6 +249,13 @@ class Output:
         self._first = PartFile(path, overwrite=overwrite)
         self._second: PartFile | None = None
         if second_copy is not None:
+            if second_copy.resolve() == path.parent.resolve():
+                self._first.discard()
+                raise RecordingError(
+                    "is the folder of the recording too: a second copy there would be the same file",
+                    where=second_copy,
+                    remedy="name a folder on another disk as `second_copy`",
+                )
             try:
                 self._second = PartFile(second_copy / path.name, overwrite=overwrite)
             except RecordingError:

@@ -150,6 +150,14 @@ def test_a_full_disk_is_said_and_what_was_written_stays(tmp_path):
     assert not path.exists()
 
 
+def test_a_second_copy_in_the_folder_of_the_recording_is_refused(tmp_path):
+    (tmp_path / "link").symlink_to(tmp_path, target_is_directory=True)
+    for folder in (tmp_path, tmp_path / "link"):
+        with pytest.raises(RecordingError, match="folder of the recording too"):
+            open_writer(tmp_path / "t.mcap", second_copy=folder)
+    assert [path.name for path in tmp_path.iterdir()] == ["link"]
+
+
 def test_a_lost_second_copy_is_an_event_and_no_more(tmp_path):
     path = tmp_path / "T1.mcap"
     with open_writer(path, second_copy=tmp_path / "stick") as writer:
