@@ -122,12 +122,14 @@ def diagnosed(
     InputError
         If nothing can be diagnosed.
     """
+    from sawbench.acquisition.series.rejected import uncounted
     from sawbench.analysis import open_trial
     from sawbench.gap import diagnose_trials
     from sawbench.results import GapReport
 
     on_step(0, 100, "reading")
-    readings = [partial(open_trial, path, request.config_path) for path in find_recordings(request.paths)]
+    recordings = find_recordings(request.paths)
+    readings = [partial(open_trial, path, request.config_path) for path in recordings]
     _, *trials = on_two_cores(operator.call, [_import_diagnosis, *readings])
     report = diagnose_trials(
         trials,
@@ -135,6 +137,7 @@ def diagnosed(
         plan=request.n_planned,
         on_step=lambda done, total, what: on_step(_OPENED + (_DRAWING - _OPENED) * done // total, 100, what),
     )
+    report["warnings"] += uncounted(recordings)
     on_step(_DRAWING, 100, "writing the page")
     GapReport(report=report).save(request.out_dir, overwrite=True)
     return report

@@ -2,12 +2,38 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from pathlib import Path
 from typing import Final
 
 from sawbench.storage.amendments import amendments_path
+from sawbench.storage.places import list_recordings
 
 REJECTED: Final = "rejected"
+
+
+def uncounted(recordings: Iterable[Path]) -> list[str]:
+    """Say which trials were set aside beside recordings: they used battery and blade too.
+
+    Parameters
+    ----------
+    recordings : iterable of Path
+        Of a campaign.
+
+    Returns
+    -------
+    list of str
+        A sentence for each folder that holds some.
+    """
+    said = []
+    for folder in sorted({path.parent for path in recordings}):
+        if n := len(list_recordings(folder / REJECTED)):
+            trials = "1 rejected trial is" if n == 1 else f"{n} rejected trials are"
+            said.append(
+                f"{trials} in {folder.name}/{REJECTED}: the charge and the cutting distance used there are not counted,"
+                " so state of charge and wear of the trials behind them are uncertain"
+            )
+    return said
 
 
 def free_place(path: Path, trial_id: str) -> Path:

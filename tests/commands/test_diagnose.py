@@ -10,6 +10,7 @@ import pytest
 from sawbench.bench.config import load_config
 from sawbench.bench.errors import InputError
 from sawbench.blindcheck.campaign import make_campaign
+from sawbench.commands.diagnose import DiagnosisRequest, diagnosed
 from sawbench.commands.main import main
 from sawbench.modeling.machines.known_effects import known_effects
 from sawbench.storage.reader import read_recording
@@ -193,3 +194,25 @@ def test_the_journal_of_an_import_is_no_campaign(tmp_path, capsys):
 def test_jobs_of_one_campaign_are_wrong_usage(tmp_path, capsys):
     assert main(["diagnose", str(SAMPLES), "--out", str(tmp_path / "g"), "--jobs", "2"]) == 2
     assert "--each" in capsys.readouterr().err
+
+
+def test_rejected_trials_beside_a_campaign_are_said_in_its_report(tmp_path, monkeypatch):
+    """A rejected trial used battery and blade as a kept one does."""
+    folder = tmp_path / "wood"
+    (folder / "rejected").mkdir(parents=True)
+    for name in ("1.mcap", "2.mcap", "rejected/2-1.mcap", "rejected/2-2.mcap"):
+        (folder / name).touch()
+    reports = []
+    monkeypatch.setattr("sawbench.analysis.open_trial", lambda *_: None)
+    monkeypatch.setattr("sawbench.gap.diagnose_trials", lambda *_, **__: {"warnings": ["another"]})
+    monkeypatch.setattr("sawbench.results.GapReport.save", lambda self, *_, **__: reports.append(self.report))
+    request = DiagnosisRequest(
+        paths=(folder,), out_dir=tmp_path / "gap", config_path=None, until_closed=False, n_planned=0
+    )
+    diagnosed(request)
+    another, said = reports[0]["warnings"]
+    assert another == "another" and said.startswith("2 rejected trials are in wood/rejected")
+    assert "state of charge" in said
+    for file in (folder / "rejected").iterdir():
+        file.unlink()
+    assert diagnosed(request)["warnings"] == ["another"]
