@@ -18,6 +18,8 @@ from sawbench.bench.errors import ConfigError, DeviceError, InputError
 from sawbench.bench.recording import Event, Trial
 
 if TYPE_CHECKING:
+    from sawbench.acquisition.calibration_book import BookEntry
+    from sawbench.acquisition.devices.device import Device
     from sawbench.acquisition.pre_trigger import Touch
     from sawbench.acquisition.recording_report import RecordingStatus, RecordingSummary
     from sawbench.bench.config import LoadedConfig
@@ -110,7 +112,6 @@ def record_trial(
         CalibrationBook,
         build_calibrated,
         entries_in_force,
-        of_other_instruments,
         provenance,
         read_book,
         refuse_uncalibrated,
@@ -139,11 +140,7 @@ def record_trial(
             overwrite=options.overwrite,
         )
         opened.append(writer)
-        facts = {device.name: device.describe() for device in devices}
-        for entry, words in of_other_instruments(entries_in_force(book, configured), facts):
-            text = f"{entry.channel}: {words}"
-            writer.write_event(Event(kind="warning", time_s=0.0, text=text, device=entry.device))
-            click.echo(f"warning: {text}", err=True)
+        _warn_of_other_instruments(writer, entries_in_force(book, configured), devices)
         if notes is not None:
             notes.attach(writer, (datetime.now(UTC) - start.started_at).total_seconds())
         return writer
@@ -159,6 +156,19 @@ def record_trial(
     finally:
         if notes is not None:
             notes.detach()
+
+
+def _warn_of_other_instruments(
+    writer: RecordingWriter, entries: Sequence[BookEntry], devices: Sequence[Device]
+) -> None:
+    """Say on the terminal and in the recording which calibrations were made with an instrument of another number."""
+    from sawbench.acquisition.calibration_book import of_other_instruments
+
+    facts = {device.name: device.describe() for device in devices}
+    for entry, words in of_other_instruments(entries, facts):
+        text = f"{entry.channel}: {words}"
+        writer.write_event(Event(kind="warning", time_s=0.0, text=text, device=entry.device))
+        click.echo(f"warning: {text}", err=True)
 
 
 def _close_broken_off(opened: Sequence[RecordingWriter], error: BaseException) -> None:
