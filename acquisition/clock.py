@@ -15,13 +15,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 _WINDOW_S: Final = 30.0
-SLOT_S: Final = 0.1
+_SLOT_S: Final = 0.1
 # The line is fitted with every slot until it is this long, then with every fifth: a quartz does not change so fast.
 _EVERY_SLOT_S: Final = 5.0
 _FIT_SLOTS: Final = 5
 # Slots whose least late arrival lies further above the line than this were late as a whole and bound nothing.
 _LATE_SLOT_S: Final = 0.003
-_LATE_SAMPLES: Final = 3
+LATE_SAMPLES: Final = 3
 # Share of the slots in time by which a line describes them.
 _MOST: Final = 0.75
 # Smallest latency of a link is not repeatable to better than this, however little the slots scatter.
@@ -93,7 +93,7 @@ class ArrivalClock:
             raise ValueError(f"rate_hz must be greater than 0, got {rate_hz!r}")
         self._nominal_period_s = 1.0 / rate_hz
         self._can_be_rounded = can_be_rounded
-        self._n_slots = max(4, round(window_s / SLOT_S))
+        self._n_slots = max(4, round(window_s / _SLOT_S))
         self._lowest: deque[tuple[int, float]] = deque(maxlen=self._n_slots)
         self._slot = -1
         self._origin: tuple[int, float] | None = None
@@ -120,7 +120,7 @@ class ArrivalClock:
         index, arrival_s = np.array(self._lowest, dtype=np.float64).T
         period_s = _hull_slope_below_mean(index, arrival_s - arrival_s[0])
         above_s = arrival_s - period_s * index
-        in_time = above_s <= above_s.min() + max(_LATE_SLOT_S, _LATE_SAMPLES * self._nominal_period_s)
+        in_time = above_s <= above_s.min() + max(_LATE_SLOT_S, LATE_SAMPLES * self._nominal_period_s)
         off_stds = abs(period_s / self._nominal_period_s - 1.0) / _rate_std(self.span_s, _spread_s(above_s))
         return bool(np.mean(in_time) >= _MOST) and (off_stds < _STEADY_SIGMAS or self.span_s >= LATE_LINK_S)
 
@@ -160,7 +160,7 @@ class ArrivalClock:
         if self._origin is None:
             self._origin = (index, arrival_s)
         self._n_observed += 1
-        slot = int((index - self._origin[0]) * self._nominal_period_s / SLOT_S)
+        slot = int((index - self._origin[0]) * self._nominal_period_s / _SLOT_S)
         if slot != self._slot:
             self._slot = slot
             self._lowest.append((index, arrival_s))
@@ -173,9 +173,15 @@ class ArrivalClock:
             if self._line is not None and arrival_s < self._line.time_of(index):
                 self._line = self._fit(self._line)
 
-    def fit_anew(self) -> None:
-        """Fit all remembered arrivals, those too that were late by an earlier line."""
-        self._line = self._fit(None)
+    def of_latest(self, span_s: float) -> ArrivalClock:
+        """Return the clock by what came in the latest `span_s` alone, that too which was late by an earlier line."""
+        clock = ArrivalClock(rate_hz=1.0 / self._nominal_period_s, can_be_rounded=self._can_be_rounded)
+        # The least late arrivals of two slots are up to two slots apart.
+        first = self._lowest[-1][0] - (span_s + 2.0 * _SLOT_S) / self._nominal_period_s
+        clock._lowest.extend((index, arrival_s) for index, arrival_s in self._lowest if index > first)
+        clock._origin, clock._slot, clock._n_observed = self._origin, self._slot, self._n_observed
+        clock._line = clock._fit(None)
+        return clock
 
     def residual_s(self, index: int, arrival_s: float) -> float:
         """How much later than the estimate sample `index` arrived, s."""
@@ -220,7 +226,7 @@ class ArrivalClock:
         )
         if self._last is not None and self._last[0] >= from_index:
             self._last = (self._last[0] + shift, self._last[1])
-        self._slot += int(shift * self._nominal_period_s / SLOT_S)
+        self._slot += int(shift * self._nominal_period_s / _SLOT_S)
 
     def measured_rate_hz(self) -> float:
         """Return samples per second by the earliest of the remembered arrivals (0 if too few).

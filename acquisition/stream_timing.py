@@ -16,10 +16,10 @@ from numpy.typing import NDArray
 from sawbench.acquisition.clock import (
     LARGEST_SLEW,
     LATE_LINK_S,
+    LATE_SAMPLES,
     LATENCY_STD_S,
     LINK_LATENCY_S,
     SLEW_SETTLED_S,
-    SLOT_S,
     ArrivalClock,
     ClockLine,
 )
@@ -33,7 +33,6 @@ _SETTLE_SAMPLES: Final = 5
 _SETTLE_LONGEST_S: Final = 5.0
 _BLOCK_S: Final = 0.2
 _LATE_S: Final = 0.004
-_LATE_SAMPLES: Final = 3
 _LATE_STDS: Final = 6.0
 # Earlier than possible by more than this contradicts the count, not just the estimate of the clock.
 _EARLY_S: Final = 0.002
@@ -199,11 +198,7 @@ class StreamTimer:
         for window_s in (max(_SETTLE_S, _SETTLE_SAMPLES * self.stream.period_s), LATE_LINK_S):
             if self._clock.span_s < window_s:
                 return None
-            clock = ArrivalClock(rate_hz=self.stream.rate_hz)
-            for held in self._held:
-                if held.n_before + len(held.chunk.raw) > self._count - (window_s + 2.0 * SLOT_S) * self.stream.rate_hz:
-                    self._observe(held, clock)
-            clock.fit_anew()
+            clock = self._clock.of_latest(window_s)
             if clock.is_steady and self._clock.least_late_s(clock.line) >= self._early_limit_s():
                 return clock
         return clock if self._clock.span_s >= _SETTLE_LONGEST_S else None
@@ -250,7 +245,7 @@ class StreamTimer:
         self._is_first = True
 
     def _tolerance_s(self) -> float:
-        return max(_LATE_S, _LATE_SAMPLES / self.stream.rate_hz, _LATE_STDS * self._clock.uncertainty_s)
+        return max(_LATE_S, LATE_SAMPLES / self.stream.rate_hz, _LATE_STDS * self._clock.uncertainty_s)
 
     def _early_limit_s(self) -> float:
         return -max(_EARLY_S, _EARLY_SAMPLES / self.stream.rate_hz)
@@ -418,19 +413,18 @@ class StreamTimer:
         last = held.n_before + len(held.chunk.raw) - 1
         return min(self._late_s(held), arrival_s - self._before.line.time_of(last))
 
-    def _observe(self, held: _Held, clock: ArrivalClock | None = None) -> None:
-        clock = clock or self._clock
+    def _observe(self, held: _Held) -> None:
         arrival_s = held.chunk.arrival_s
         n = len(held.chunk.raw)
         if len(arrival_s) == n:
             # Time stamps of the bus: each sample has its own; the least late one is as good as all.
             index = np.arange(n)
             best = int(np.argmin(arrival_s - index / self.stream.rate_hz))
-            clock.observe(held.n_before + best, float(arrival_s[best]))
+            self._clock.observe(held.n_before + best, float(arrival_s[best]))
             if best != n - 1:
-                clock.observe(held.n_before + n - 1, float(arrival_s[-1]))
+                self._clock.observe(held.n_before + n - 1, float(arrival_s[-1]))
         else:
-            clock.observe(held.n_before + n - 1, float(arrival_s[-1]))
+            self._clock.observe(held.n_before + n - 1, float(arrival_s[-1]))
 
     def _held_s(self) -> float:
         return sum(len(h.chunk.raw) for h in self._held) / self.stream.rate_hz
