@@ -149,14 +149,12 @@ def discharge(
     n_steps = steps_for(spline, N_STEPS) if steps_per_turn is None else steps_per_turn
     start = initial.to_state(parameters.gear_ratio)
     settings = (n_steps, START_TOLERANCE, float(cutoff_soc), volts)
-    done: Discharge | int = strokes.FAILED
-    if method == "multi_scale":
-        finer = settings
-        done = _averaged(vector, spline, ocv, start, settings, target=target, compiles=compiles)
-        while done == strokes.COARSE and 2 * finer[0] <= MOST_STEPS:
-            finer = (2 * finer[0], *settings[1:])
-            compiles = compiles or finer[0] > MOST_INTERPRETED_STEPS
-            done = _averaged(vector, spline, ocv, start, finer, target=target, compiles=compiles)
+    done: Discharge | int = strokes.COARSE if method == "multi_scale" else strokes.FAILED
+    while done == strokes.COARSE and n_steps <= max(settings[0], MOST_STEPS):
+        finer = (n_steps, *settings[1:])
+        compiles = compiles or n_steps > max(settings[0], MOST_INTERPRETED_STEPS)
+        done = _averaged(vector, spline, ocv, start, finer, target=target, compiles=compiles)
+        n_steps *= 2
     return done if isinstance(done, Discharge) else _brute(vector, spline, ocv, start, settings)
 
 

@@ -31,7 +31,6 @@ _N_HISTORY: Final = 400
 # The end of a discharge stands where it moves by less than this share of the capacity.
 _SAME_END: Final = 1e-7
 _MOST_ENDS: Final = 12
-_HALVINGS: Final = 40
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -150,6 +149,8 @@ class _Run:
 
         What the load takes off the open-circuit voltage is interpolated, and held beyond the last stroke.
         """
+        from scipy.optimize import brentq
+
         taken_v = self.baseline.open_circuit_voltage(self._at_nodes()) - voltage_v
         used_as = np.linspace(self.point.charge_used_as, end_as, _N_HISTORY)
 
@@ -163,11 +164,7 @@ class _Run:
         first = int(np.argmax(below))
         if first == 0:
             return float(used_as[0])
-        low, high = used_as[first - 1], used_as[first]
-        for _ in range(_HALVINGS):
-            middle = 0.5 * (low + high)
-            low, high = (middle, high) if above_v(np.array([middle]))[0] > 0.0 else (low, middle)
-        return float(high)
+        return float(brentq(lambda used: above_v(np.array([used]))[0], used_as[first - 1], used_as[first]))
 
     def curves(self, means: _Means, capacity_as: float) -> DischargeCurves:
         """Means along the discharge."""

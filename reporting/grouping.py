@@ -8,12 +8,17 @@ from collections import Counter
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from itertools import combinations
+from types import MappingProxyType
 from typing import Final
 
 from sawbench.bench.recording import Trial
 
 # Names of materials that are so similar are asked about (`difflib`'s ratio).
 _SIMILAR: Final = 0.8
+
+
+# How many a setting is shown with.
+_DIGITS: Final = MappingProxyType({"duty": ".4g", "feed_mm_s": "g", "thickness_mm": "g"})
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -27,15 +32,8 @@ class Setting:
     @classmethod
     def of(cls, trial: Trial) -> Setting:
         """Return the setting of a trial, to the digits that are shown: trials that read alike are at one setting."""
-
-        def shown(value: float | None, form: str) -> float | None:
-            return None if value is None else float(form.format(value))
-
-        return cls(
-            duty=shown(trial.duty, "{:.4g}"),
-            feed_mm_s=shown(trial.feed_mm_s, "{:g}"),
-            thickness_mm=shown(trial.thickness_mm, "{:g}"),
-        )
+        stated = {name: getattr(trial, name) for name in _DIGITS}
+        return cls(**{n: None if value is None else float(f"{value:{_DIGITS[n]}}") for n, value in stated.items()})
 
     @property
     def label(self) -> str:
@@ -43,7 +41,7 @@ class Setting:
         return ", ".join(
             f"{name} not stated" if value is None else form.format(value)
             for name, value, form in (
-                ("duty", self.duty, "duty {:.4g}"),
+                ("duty", self.duty, "duty {:g}"),
                 ("feed", self.feed_mm_s, "feed {:g} mm/s"),
                 ("thickness", self.thickness_mm, "{:g} mm thick"),
             )
@@ -73,7 +71,7 @@ def series_label(material: str, setting: Setting, settings: Sequence[Setting]) -
     'oak, 20 mm'
     """
     parts = [material]
-    for name, form in (("thickness_mm", "{:g} mm"), ("feed_mm_s", "{:g} mm/s"), ("duty", "duty {:.4g}")):
+    for name, form in (("thickness_mm", "{:g} mm"), ("feed_mm_s", "{:g} mm/s"), ("duty", "duty {:g}")):
         if len({getattr(one, name) for one in settings}) > 1:
             value = getattr(setting, name)
             parts.append(f"{name.partition('_')[0]} not stated" if value is None else form.format(value))

@@ -248,9 +248,9 @@ class DbcCan(CanInstrument[DbcCanSettings]):
 
     def _of_one_source(self, layout: MessageLayout, batch: CanBatch, is_ours: NDArray[np.bool_]) -> NDArray[np.bool_]:
         """Where a message is of the source that sent it first: several may send a J1939 group, each its values."""
-        name, source = layout.stream.name, batch.identifier & np.uint32(J1939_SOURCE_MASK)
-        if not is_ours.any():
+        if layout.mask & J1939_SOURCE_MASK or not is_ours.any():
             return is_ours
+        name, source = layout.stream.name, batch.identifier & np.uint32(J1939_SOURCE_MASK)
         taken = self._sources.setdefault(name, int(source[is_ours][0]))
         others = np.unique(source[is_ours & (source != taken)])
         if len(others) and name not in self._warned:

@@ -37,9 +37,8 @@ def _held_back(baseline: Baseline, state: State) -> Signature:
         return {}
     lever = baseline.cutting_sign * baseline.lever(state)
     cutting = np.maximum(lever, 0.0)
-    force_per_lever = np.sum(state.force_n * cutting, axis=-1, keepdims=True) / np.sum(
-        cutting**2, axis=-1, keepdims=True
-    )
-    behind_rad = force_per_lever * 0.5 * (1.0 + np.tanh(lever / (_NEAR_DEAD_CENTRE * baseline.radius_m)))
+    per_lever = np.sum(state.force_n * cutting, axis=-1) / np.sum(cutting**2, axis=-1)
+    is_cutting = 0.5 * (1.0 + np.tanh(lever / (_NEAR_DEAD_CENTRE * baseline.radius_m)))
+    behind_rad = per_lever[..., None] * is_cutting
     speed = baseline.gear * state.speed_rad_s * angle_derivative(behind_rad)
     return motor_ahead(baseline, speed, state.speed_rad_s * angle_derivative(speed))

@@ -17,6 +17,12 @@ LATE = {
     "100 ms late, 1 s of every 3 s": lambda t: 0.1 if t > 2 and t % 3 < 1 else 0.0,
     "30 ms late, half of every second": lambda t: 0.03 if t > 2 and t % 1 < 0.5 and t < 10 else 0.0,
     "late as soon as it may be": late(0.1, 1.5, at_s=0.7),
+    "at the start stalled for 1.3 s": stalled(1.34, at_s=-0.13),
+    "at the start stalled for 0.7 s": stalled(0.73, at_s=-0.07),
+    "at the start rising by 0.3 s": rising(0.256, 0.83, at_s=-0.27),
+    "at the start rising by 0.9 s": rising(0.9, 1.46, at_s=-0.23),
+    "at the start swelling by 12 ms": swelling(0.012, 0.88, at_s=-0.26),
+    "at the start late by 57 ms behind a tenth of a second in time": late(0.057, 1.13, at_s=0.1),
 }
 
 
@@ -24,25 +30,6 @@ LATE = {
 @pytest.mark.parametrize("name", LATE)
 def test_lateness_up_to_two_seconds_moves_no_time_and_loses_nothing(name, rate_hz):
     found = timed(rate_hz, LATE[name])
-    assert not found.losses
-    assert not found.doubts
-    assert np.abs(found.error_s).max() <= max(1.0 / rate_hz, SMALLEST_ERROR_S)
-
-
-AT_START = {
-    "stalled for 1.3 s": stalled(1.34, at_s=-0.13),
-    "stalled for 0.7 s": stalled(0.73, at_s=-0.07),
-    "rising by 0.3 s": rising(0.256, 0.83, at_s=-0.27),
-    "rising by 0.9 s": rising(0.9, 1.46, at_s=-0.23),
-    "swelling by 12 ms": swelling(0.012, 0.88, at_s=-0.26),
-    "late by 57 ms behind a tenth of a second in time": late(0.057, 1.13, at_s=0.1),
-}
-
-
-@pytest.mark.parametrize("rate_hz", [1000.0, 6000.0, 10_000.0])
-@pytest.mark.parametrize("name", AT_START)
-def test_what_is_late_as_the_stream_begins_moves_no_time_and_loses_nothing(name, rate_hz):
-    found = timed(rate_hz, AT_START[name])
     assert not found.losses
     assert not found.doubts
     assert np.abs(found.error_s).max() <= max(1.0 / rate_hz, SMALLEST_ERROR_S)
