@@ -81,6 +81,27 @@ def restore_ripple(angle: CrankAngle, steady: SteadyPart, time_s: Floats, displa
     )
 
 
+def wave_seen(crank: Mechanism, at_rad: Floats, off_m: Floats) -> Floats:
+    """Wave of the angle that a plunger shows which is off by as much in every stroke: what the regression finds in it.
+
+    Parameters
+    ----------
+    crank : Mechanism
+    at_rad : ndarray, shape (n_points,)
+        Evenly over one turn.
+    off_m : ndarray, shape (..., n_points)
+
+    Returns
+    -------
+    ndarray, shape (..., n_points)
+        rad, of the first harmonics and without a mean.
+    """
+    design = _columns(crank, at_rad)
+    found = np.linalg.lstsq(design, off_m.reshape(-1, len(at_rad)).T, rcond=None)[0][3:]
+    turns = np.outer(np.arange(1, N_RIPPLE + 1), at_rad)
+    return (found.T @ np.concatenate([np.cos(turns), np.sin(turns)])).reshape(off_m.shape)
+
+
 def _regress(crank: Mechanism, turned_rad: Floats, left_m: Floats) -> tuple[Floats, Floats]:
     """Coefficients, and variance of the wave's, shape (2, k); once more without outliers."""
     grid = AngleGrid.over_one_turn(turned_rad, _CELLS)

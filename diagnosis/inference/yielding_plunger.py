@@ -1,24 +1,23 @@
 """Pins and bearings between crank and plunger that yield: it is behind the crank by the force over a stiffness.
 
-The angle of the crank is told from the plunger, so that the motor seems to be ahead of it while the blade cuts. A
-linear cut holds the plunger back by an angle that is even over the cutting half, and is none on the way back: its edges
-lie at the dead centres, where the torque of inertia shows them. Some hundredths of a millimetre are ordinary, and no
-gap of the saw. What yields by far more is play of the yoke or a shaft that twists (`diagnosis.inference.beyond.drive`).
+The angle of the crank is told from the plunger, so that the motor seems to be ahead of it while the blade cuts: by the
+wave that the regression of the displacement finds in what the plunger is behind by (`processing.stroke_ripple`). A
+linear cut holds it back by an angle that is even over the cutting half, and is none on the way back: its edges lie at
+the dead centres, where the torque of inertia shows them. Some hundredths of a millimetre are ordinary, and no gap of
+the saw. What yields by far more is play of the yoke or a shaft that twists (`diagnosis.inference.beyond.drive`).
 """
 
 from __future__ import annotations
 
 from typing import Final
 
-import numpy as np
 from sawbench.diagnosis.inference.nuisance import Nuisance
 from sawbench.modeling.residuals import Baseline, Signature, is_angle_known, motor_ahead
 from sawbench.modeling.state import State, angle_derivative
+from sawbench.processing.stroke_ripple import wave_seen
 
 # Assumed: 5 N a micrometre, of pin, bearings and guide one behind the other.
 _STD_M_PER_N: Final = 2e-7
-# In radii: this close to its dead centre the motion of a plunger tells little of the crank, and edges are rounded.
-_NEAR_DEAD_CENTRE: Final = 0.2
 
 
 def yielding_plunger() -> Nuisance:
@@ -35,10 +34,7 @@ def yielding_plunger() -> Nuisance:
 def _held_back(baseline: Baseline, state: State) -> Signature:
     if state.kind != "running" or state.force_n is None or not is_angle_known(state):
         return {}
-    lever = baseline.cutting_sign * baseline.lever(state)
-    cutting = np.maximum(lever, 0.0)
-    per_lever = np.sum(state.force_n * cutting, axis=-1) / np.sum(cutting**2, axis=-1)
-    is_cutting = 0.5 * (1.0 + np.tanh(lever / (_NEAR_DEAD_CENTRE * baseline.radius_m)))
-    behind_rad = per_lever[..., None] * is_cutting
+    back_m = -baseline.cutting_sign * state.force_n
+    behind_rad = -wave_seen(baseline.mechanism, state.angle_rad[0], back_m)
     speed = baseline.gear * state.speed_rad_s * angle_derivative(behind_rad)
     return motor_ahead(baseline, speed, state.speed_rad_s * angle_derivative(speed))
