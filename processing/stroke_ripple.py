@@ -99,7 +99,8 @@ def wave_seen(crank: Mechanism, at_rad: Floats, off_m: Floats) -> Floats:
     design = _columns(crank, at_rad)
     found = np.linalg.lstsq(design, off_m.reshape(-1, len(at_rad)).T, rcond=None)[0][3:]
     turns = np.outer(np.arange(1, N_RIPPLE + 1), at_rad)
-    return (found.T @ np.concatenate([np.cos(turns), np.sin(turns)])).reshape(off_m.shape)
+    wave = found.T @ np.concatenate([np.cos(turns), np.sin(turns)])
+    return np.asarray(wave.reshape(off_m.shape), dtype=np.float64)
 
 
 def _regress(crank: Mechanism, turned_rad: Floats, left_m: Floats) -> tuple[Floats, Floats]:
