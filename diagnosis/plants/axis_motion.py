@@ -138,6 +138,8 @@ def _alike_cycles(displacement: Signal, swinging: Signal, rate_hz: float) -> tup
         return found
     first, end = _alike(found.fit(displacement, _RATE_HARMONICS)[:, 1:])
     kept = found.starts_s[first:end]
+    if len(kept) == 0:
+        return "no two of its cycles are alike"
     return found, kept, _refined(_between(displacement, kept[0], kept[-1] + 1.0 / rate_hz), rate_hz)
 
 
