@@ -14,6 +14,7 @@ from typing import Final
 
 import numpy as np
 from sawbench.bench.recording import Floats, Signal
+from sawbench.diagnosis.inference.settings import SETTINGS
 from sawbench.diagnosis.plants.axis_motion import n_points
 from sawbench.modeling.machines.linear_axis import AxisState
 from sawbench.modeling.state import TWO_PI, TrialSetting
@@ -74,6 +75,9 @@ def find_windows(displacement: Signal, drive: Signal, n_harmonics: int) -> tuple
     held = np.cumsum(drive_power) / drive_power.sum()
     needed_hz = float(drive_hz[int(np.searchsorted(held, _HELD_SHARE))])
     start_s, end_s = max(displacement.time_s[0], drive.time_s[0]), min(displacement.time_s[-1], drive.time_s[-1])
+    # The filter knows nothing of what comes before the first sample and after the last.
+    margin_s = min(1.0 / cutoff_hz, 0.1 * (end_s - start_s))
+    start_s, end_s = start_s + margin_s, end_s - margin_s
     count = int(np.clip(np.ceil((end_s - start_s) * needed_hz / n_harmonics), 1, _MOST_WINDOWS))
     return Windows(edges_s=np.linspace(start_s, end_s, count + 1), cutoff_hz=cutoff_hz), ""
 
@@ -114,7 +118,7 @@ def window_states(
     assert displacement is not None
     assert drive is not None
     step_s = 1.0 / displacement.rate_hz
-    time_s = np.arange(windows.edges_s[0], windows.edges_s[-1] + 0.5 * step_s, step_s)
+    time_s = np.arange(displacement.time_s[0], displacement.time_s[-1] + 0.5 * step_s, step_s)
     position_m = 1e-3 * _filtered(displacement, time_s, windows.cutoff_hz)
     velocity = np.gradient(position_m, time_s)
     tracks = {
@@ -126,10 +130,13 @@ def window_states(
     if load is not None:
         tracks["force_n"] = _filtered(load, time_s, windows.cutoff_hz)
         tracks["force_rate_n_s"] = np.gradient(tracks["force_n"], time_s)
-    return [
+    found = [
         _window(setting, time_s, tracks, start_s, end_s)
         for start_s, end_s in zip(windows.edges_s[:-1], windows.edges_s[1:], strict=True)
     ]
+    tops = [float(np.abs(state.velocity_m_s).max()) for state in found]
+    least = SETTINGS.axis.standstill_share * max(tops)
+    return [state for state, top in zip(found, tops, strict=True) if top >= least]
 
 
 def _filtered(signal: Signal, time_s: Floats, cutoff_hz: float) -> Floats:

@@ -76,3 +76,27 @@ def test_moves_of_which_no_two_are_alike_have_no_cycles(seed, trial):
     cycles, reason = find_cycles(displacement)
     assert cycles is None
     assert "cycles" in reason
+
+
+def test_a_record_that_is_cut_off_in_a_move_is_balanced_to_its_end():
+    rng = np.random.default_rng(0)
+    velocity = set_points(rng, 0.3, 8.0)
+    braking = np.flatnonzero(np.diff(np.abs(velocity)) < 0.0)
+    velocity = velocity[: braking[-1] - int(0.02 * FINE_HZ)]
+    found = reduce_axis([recording("cut off", velocity, rng, dry_n=0.0)], parse_config(CONFIG))
+    for state in found.states:
+        scaled = state.drive_n * FORCE_A_CURRENT / 60.5
+        left_n = scaled - MASS_KG * state.acceleration_m_s2 - DAMPING * state.velocity_m_s
+        # The braking force is 60 N; the noise of the current is 1.2 N a sample.
+        assert np.abs(left_n).max() < 6.0
+
+
+def test_a_rest_between_moves_is_no_evidence_of_friction():
+    rng = np.random.default_rng(1)
+    moves = set_points(rng, 0.2, 12.0)
+    rest = np.zeros(8 * FINE_HZ)
+    found = reduce_axis([recording("rest", np.concatenate([moves, rest]), rng)], parse_config(CONFIG))
+    assert len(found.states) > 2
+    for state in found.states:
+        # The noise of a displacement at rest has a velocity of either sign.
+        assert np.abs(state.velocity_m_s).max() > 0.02
