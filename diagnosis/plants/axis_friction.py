@@ -42,11 +42,17 @@ class ByDirection:
 
     def words(self) -> str:
         """Say it for the page."""
+        constant = f"{plain(0.5 * self.difference_n, 'N')} (a weight, the zero of the drive)"
+        if min(self.forward_n, self.backward_n) < 0.0:
+            # Friction never pushes: what does is no friction.
+            friction = plain(max(0.5 * (self.forward_n + self.backward_n), 0.0), "N", digits=3)
+            return (
+                f"beside dry friction of {friction}, the same in both directions, acts a constant force of {constant}"
+            )
         forward, backward = (plain(force_n, "N", digits=3) for force_n in (self.forward_n, self.backward_n))
         return (
             f"dry friction differs by direction (F+ ≠ F-): {forward} towards larger displacement, {backward} towards"
-            f" smaller; a constant force of {plain(0.5 * self.difference_n, 'N')} (a weight, the zero of the drive) is"
-            " indistinguishable from it"
+            f" smaller; a constant force of {constant} is indistinguishable from it"
         )
 
 
@@ -90,6 +96,14 @@ def friction_by_direction(states: Sequence[AxisState], mass_kg: float) -> ByDire
         forward_n=float(forward_n), backward_n=float(backward_n), difference_n=difference, difference_std_n=std,
         is_significant=bool(abs(difference) > float(stdtrit(len(found) - 1, 0.975)) * std),
     )  # fmt: skip
+
+
+def both_ways_n(state: AxisState, force_n: Floats) -> float:
+    """Constant part of a force, the same in both directions of the motion, N; 0 where it moves one way only."""
+    speed = state.velocity_m_s
+    least = SETTINGS.axis.standstill_share * np.abs(speed).max()
+    ways = [force_n[way] for way in (speed > least, speed < -least)]
+    return 0.0 if min(map(len, ways)) == 0 else float(np.mean([np.mean(way) for way in ways]))
 
 
 def _rows(state: AxisState, mass_kg: float, unit: int) -> Floats:

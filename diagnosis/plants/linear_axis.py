@@ -17,7 +17,7 @@ from sawbench.diagnosis.inference.features import Layout, harmonics, orders, tim
 from sawbench.diagnosis.inference.nuisance import Nuisance, Reading
 from sawbench.diagnosis.inference.nuisances import of_known
 from sawbench.diagnosis.inference.settings import SETTINGS
-from sawbench.diagnosis.plants.axis_friction import friction_by_direction, friction_n
+from sawbench.diagnosis.plants.axis_friction import both_ways_n, friction_by_direction, friction_n
 from sawbench.diagnosis.plants.axis_motion import (
     LEAST_POINTS,
     average,
@@ -115,11 +115,12 @@ class LinearAxis:
     def model_error(self, layout: Layout, state: State) -> Floats:
         """Covariance, N^2: a floor at every harmonic, a share of what no form hits, and anything at standstill.
 
-        No form hits what is missing, nor what the model holds as known effects.
+        No form hits what is missing, nor what the model holds as known effects. A constant force is no form of a term.
         """
         floor_n = self.config.model_floor_n or SETTINGS.axis.floor_share * self.model.force_scale_n
         unsure = (residuals(self.model, state), self.model.known_signature(state))
-        features = [layout.place(one, times_over_angles(state)).mean(axis=0) for one in unsure if one]
+        moving = [{name: term - both_ways_n(as_axis(state), term) for name, term in one.items()} for one in unsure]
+        features = [layout.place(one, times_over_angles(state)).mean(axis=0) for one in moving if one]
         unsure_n = float(np.linalg.norm(features))
         order = orders((layout.size - 1) // 2)
         shape = 1.0 / (1.0 + order / SETTINGS.axis.form_harmonic)

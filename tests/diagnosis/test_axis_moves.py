@@ -100,3 +100,18 @@ def test_a_rest_between_moves_is_no_evidence_of_friction():
     for state in found.states:
         # The noise of a displacement at rest has a velocity of either sign.
         assert np.abs(state.velocity_m_s).max() > 0.02
+
+
+@pytest.mark.parametrize("motion", [back_and_forth, set_points])
+def test_friction_beside_a_weight_is_named(motion):
+    report = diagnose(campaign(motion, 3, constant_n=294.0, material="weight"), parse_config(CONFIG), provenance={})
+    first = report["causes"][0]
+    assert first["effects"] == ["guide_friction"]
+    assert first["probability"] > 0.8
+    force = first["parameters"]["force_n"]
+    assert abs(force["value"] - DRY_N) < 2.0 * force["std"] < 0.6 * DRY_N
+    damping = report["parameter_shifts"]["viscous_damping_n_s_per_m"]
+    assert abs(damping["value"] - DAMPING) < 2.0 * damping["std"]
+    # At the force constant that is stated.
+    assert 0.5 * first["by_direction"]["difference_n"] == pytest.approx(294.0 * 60.5 / FORCE_A_CURRENT, abs=3.0)
+    assert any("acts a constant force of" in text for text in report["warnings"])
