@@ -28,6 +28,7 @@ from sawbench.processing.averages import cycle_averages
 from sawbench.processing.crank_angle import track_crank_angle
 from sawbench.processing.demodulation import angle_from_line
 from sawbench.processing.folding import Cycles, find_cycles, fold_signals
+from sawbench.processing.frozen import frozen_words
 from sawbench.processing.in_cut import find_cut, with_air
 from sawbench.processing.noise import robust_range
 from sawbench.processing.peak_force import PeakForce, estimate_peak_force
@@ -106,7 +107,7 @@ def process_recording(recording: Recording, config: BenchConfig, *, source_sha25
     channels = clean_channels(recording)
     motion = _find_motion(channels, config, recording.trial)
     channels = with_impacts(channels, recording, motion.angle)
-    quality = _judged(channels, config, recording.trial)
+    quality = _judged(channels, config, recording.trial, motion.angle)
     status = _status_without_cutting(channels, config, recording.trial, motion)
     base = ProcessedTrial(
         trial=recording.trial,
@@ -132,17 +133,17 @@ def process_recording(recording: Recording, config: BenchConfig, *, source_sha25
     return _with_cycles(base, recording.signals, channels, config, motion.angle, motion.cycles)
 
 
-def _judged(channels: Channels, config: BenchConfig, trial: Trial) -> tuple[ChannelQuality, ...]:
-    """Health of every channel, and whether its values can be those of this bench."""
+def _judged(
+    channels: Channels, config: BenchConfig, trial: Trial, angle: CrankAngle | None
+) -> tuple[ChannelQuality, ...]:
+    """Health of every channel, and whether its values can be those of this bench while it runs."""
     suspicions = plausibility_problems(channels, config, trial.duty)
-    return tuple(
-        replace(
-            channel.quality,
-            problems=channel.quality.problems + suspicions.get(name, ()),
-            doubts=channel.quality.doubts + suspicions.get(name, ()),
-        )
-        for name, channel in channels.items()
-    )
+    found = []
+    for name, channel in channels.items():
+        wrong = suspicions.get(name, ()) + frozen_words(channel.time_s, channel.values, channel.unit, angle)
+        quality = channel.quality
+        found.append(replace(quality, problems=quality.problems + wrong, doubts=quality.doubts + wrong))
+    return tuple(found)
 
 
 def track_strokes(recording: Recording, config: BenchConfig) -> TrackedTrial:

@@ -1,0 +1,73 @@
+"""Signals with a known stroke: an instrument that stops sending."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from sawbench.bench.config import BenchConfig
+from sawbench.bench.recording import Recording, Signal, Trial
+from sawbench.processing.process import process_recording
+
+RATE_HZ, STROKE_HZ, SECONDS, PEAK_N = 1000.0, 14.0, 3.0, 200.0
+UNITS = {"displacement_mm": "mm", "force_n": "N", "motor_current_a": "A", "battery_voltage_v": "V"}
+
+
+def recording(noise=1.0):
+    rng = np.random.default_rng(2)
+    time_s = np.arange(0.0, SECONDS, 1.0 / RATE_HZ)
+    phase = 2.0 * np.pi * STROKE_HZ * time_s
+    values = {
+        "displacement_mm": 10.0 * (1.0 - np.cos(phase)) + noise * 0.01 * rng.normal(size=len(time_s)),
+        "force_n": PEAK_N * np.maximum(-np.sin(phase), 0.0) + noise * 0.5 * rng.normal(size=len(time_s)),
+        "motor_current_a": 10.0 + 3.0 * np.cos(2.0 * phase) + noise * 0.03 * rng.normal(size=len(time_s)),
+        # In steps of 50 mV.
+        "battery_voltage_v": 0.05 * np.round((17.8 - 0.01 * time_s) / 0.05),
+    }
+    signals = {k: Signal(channel=k, unit=UNITS[k], time_s=time_s, values=v) for k, v in values.items()}
+    return Recording(trial=Trial(trial_id="t", material="oak", duty=0.44), signals=signals)
+
+
+def with_values(found, channel, change):
+    signal = found.signals[channel]
+    return replace(found, signals={**found.signals, channel: replace(signal, values=change(signal.values.copy()))})
+
+
+def stop_after(n, until=None):
+    def change(values):
+        values[n:until] = values[n]
+        return values
+
+    return change
+
+
+@pytest.mark.parametrize("channel", ["force_n", "motor_current_a"])
+@pytest.mark.parametrize("until", [None, 1500])
+def test_an_instrument_that_stops_while_the_crank_turns_is_doubted(channel, until):
+    found = process_recording(with_values(recording(), channel, stop_after(1000, until)), BenchConfig())
+    [doubt] = found.doubts(channel)
+    assert doubt.startswith(f"{channel}: stands at ")
+    assert f"from 1.00 s to {3.0 if until is None else 1.5:.2f} s" in doubt
+
+
+@pytest.mark.parametrize("noise", [0.0, 1.0])
+def test_what_may_stand_still_is_not_doubted(noise):
+    # Without noise the force of every return stroke is one value, the voltage of the battery moves in coarse steps.
+    found = process_recording(recording(noise), BenchConfig())
+    assert not found.doubts(*UNITS)
+
+
+def test_a_stop_shorter_than_three_strokes_is_not_doubted():
+    found = process_recording(with_values(recording(), "motor_current_a", stop_after(1000, 1150)), BenchConfig())
+    assert not found.doubts("motor_current_a")
+
+
+def test_a_rest_before_the_start_is_not_doubted():
+    running = recording()
+    still = {"displacement_mm": 0.0, "force_n": 0.0, "motor_current_a": 0.0, "battery_voltage_v": 18.0}
+    signals = {}
+    for name, signal in running.signals.items():
+        values = np.concatenate([np.full(1000, still[name]), signal.values])
+        signals[name] = replace(signal, time_s=np.arange(len(values)) / RATE_HZ, values=values)
+    assert not process_recording(replace(running, signals=signals), BenchConfig()).doubts("motor_current_a", "force_n")
