@@ -27,6 +27,8 @@ def longest_step(step_s: Floats) -> float:
 def holes_of(time_s: Floats, gaps: Sequence[Gap], longest_s: float) -> Stretches:
     """Where no sample is: the gaps that a recording states, and those that a table says nothing of.
 
+    A stated gap that is no longer than a usual step may be is none: a sample is interpolated over it.
+
     Parameters
     ----------
     time_s : ndarray, shape (n,), s
@@ -45,7 +47,7 @@ def holes_of(time_s: Floats, gaps: Sequence[Gap], longest_s: float) -> Stretches
     ((2.0, 8.0),)
     """
     found = {(float(time_s[k]), float(time_s[k + 1])) for k in np.flatnonzero(np.diff(time_s) > longest_s)}
-    return tuple(sorted(found | {(gap.start_s, gap.end_s) for gap in gaps}))
+    return tuple(sorted(found | {(gap.start_s, gap.end_s) for gap in gaps if gap.end_s - gap.start_s > longest_s}))
 
 
 def without_holes(stretches: Stretches, holes: Stretches) -> Stretches:

@@ -1,4 +1,4 @@
-"""Signals with a known stroke: an instrument that stops sending."""
+"""Signals with a known stroke: an instrument that stops sending, and samples that are missing one by one."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from sawbench.bench.config import BenchConfig
-from sawbench.bench.recording import Recording, Signal, Trial
+from sawbench.bench.recording import Gap, Recording, Signal, Trial
 from sawbench.processing.process import process_recording
 
 RATE_HZ, STROKE_HZ, SECONDS, PEAK_N = 1000.0, 14.0, 3.0, 200.0
@@ -71,3 +71,20 @@ def test_a_rest_before_the_start_is_not_doubted():
         values = np.concatenate([np.full(1000, still[name]), signal.values])
         signals[name] = replace(signal, time_s=np.arange(len(values)) / RATE_HZ, values=values)
     assert not process_recording(replace(running, signals=signals), BenchConfig()).doubts("motor_current_a", "force_n")
+
+
+@pytest.mark.parametrize("channel", ["force_n", "displacement_mm"])
+def test_samples_that_are_missing_one_by_one_cost_no_stroke(channel):
+    whole = recording()
+    signal = whole.signals[channel]
+    # Every seventeenth of 71 samples a stroke: each stroke lacks some.
+    kept = np.arange(len(signal.values)) % 17 != 3
+    time_s = signal.time_s[kept]
+    before = np.flatnonzero(np.diff(time_s) > 1.5 / RATE_HZ)
+    gaps = tuple(Gap(start_s=float(time_s[k]), end_s=float(time_s[k + 1]), n_missing=1) for k in before)
+    fewer = replace(signal, time_s=time_s, values=signal.values[kept], gaps=gaps)
+    found = process_recording(replace(whole, signals={**whole.signals, channel: fewer}), BenchConfig())
+    assert found.peak_force_n == pytest.approx(PEAK_N, rel=0.005)
+    assert found.period.confidence == "high"
+    assert found.period.n_cycles >= 40
+    assert any("samples are missing" in text for text in found.warnings)
