@@ -172,7 +172,7 @@ def _mean_and_scatter(values: Floats, name: str, label: str) -> tuple[Floats, Fl
             f"{name}: the bin at {int(np.argmin(filled))} of {values.shape[1]} has samples in only "
             f"{filled.min():.0%} of the strokes",
             where=label,
-            remedy="use fewer bins per stroke, or record this channel at a higher rate",
+            remedy="record this channel at a higher rate or for longer; `sawbench process` says what of it is missing",
         )
     mean = np.where(present, values, 0.0).sum(axis=0) / present.sum(axis=0)
     return mean, np.where(present, values - mean, 0.0) / filled
