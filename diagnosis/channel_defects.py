@@ -13,6 +13,8 @@ from sawbench.bench.second_core import on_two_cores
 from sawbench.bench.units import BATTERY_CURRENT, BATTERY_VOLTAGE, CHANNEL_BY_NAME, DISPLACEMENT, FORCE, MOTOR_CURRENT
 from sawbench.diagnosis.inference.settings import SETTINGS
 from sawbench.diagnosis.trial_names import some
+from sawbench.diagnosis.trial_reading import bulk_of, stroke_starts
+from sawbench.processing.frozen import LEAST_TURNS, longest_stop, stop_words
 from sawbench.processing.interpolated_rows import own_samples
 from sawbench.processing.spikes import find_spikes
 
@@ -74,11 +76,25 @@ def defect_of(signal: Signal, others: Sequence[Signal] = ()) -> tuple[str, str] 
     # In the second half of that time: a blade runs on for a while without current.
     if is_long and not _stands_still([signal, *others], since_s=0.5 * float(time_s[-at_end] + time_s[-1])):
         return f"it stays at {values[-1] + 0.0:.6g} {signal.unit} to the end", "dead sensor or missing cable"
+    stop = longest_stop(time_s, values)
+    # A saw that coasts to the end draws no current.
+    coasts = at_end > 0 and values[-1] == 0.0
+    if stop is not None and not coasts and _has_strokes(others, stop):
+        return f"it stays {stop_words(time_s, values, signal.unit, stop)}", "its instrument stopped sending"
     for level, n_there in clipped_levels(values[~find_spikes(values)]).items():
         if n_there >= SETTINGS.screening.saturated_share * len(values):
             seen = f"{n_there / len(values):.1%} of its samples are at {level:.6g} {signal.unit}".replace("%", " %")
             return seen, "range of the sensor exceeded"
     return None
+
+
+def _has_strokes(others: Sequence[Signal], during_s: tuple[float, float]) -> bool:
+    """Whether the displacement, where there is one, goes up and down several times."""
+    for signal in others:
+        if signal.channel == DISPLACEMENT.name and len(signal.values):
+            starts_s = stroke_starts(signal.time_s, signal.values, bulk_of(signal.values))
+            return np.count_nonzero((starts_s >= during_s[0]) & (starts_s <= during_s[1])) > LEAST_TURNS
+    return False
 
 
 def _stands_still(signals: Sequence[Signal], since_s: float) -> bool:

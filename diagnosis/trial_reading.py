@@ -76,8 +76,8 @@ def read_trial(tracks: Mapping[str, Track]) -> Reading:
         By channel name; nothing is assumed of their plausibility.
     """
     displacement = tracks.get(DISPLACEMENT.name)
-    bulk = None if displacement is None else _bulk(displacement[1])
-    starts_s = np.zeros(0) if displacement is None or bulk is None else _stroke_starts(*displacement, bulk)
+    bulk = None if displacement is None else bulk_of(displacement[1])
+    starts_s = np.zeros(0) if displacement is None or bulk is None else stroke_starts(*displacement, bulk)
     travel_m = None if bulk is None else DISPLACEMENT.si_factor * float(np.ptp(bulk))
     starts_s = starts_s[starts_s > starts_s[0] + _SETTLE_S] if len(starts_s) else starts_s
     driven_s = starts_s if displacement is None else _driven(starts_s, displacement[0])
@@ -128,11 +128,12 @@ def _key(recording: Recording) -> tuple[str, ...]:
     return (recording.trial.trial_id, *recording.signals)
 
 
-def _bulk(values: Floats) -> Floats:
+def bulk_of(values: Floats) -> Floats:
+    """Range of the values without the few at either end, shape (2,)."""
     return np.quantile(values, (0.003, 0.997))
 
 
-def _stroke_starts(time_s: Floats, values: Floats, bulk: Floats) -> Floats:
+def stroke_starts(time_s: Floats, values: Floats, bulk: Floats) -> Floats:
     """Times at which the signal rises through its middle, with hysteresis; empty where it does not swing."""
     low, high = bulk
     middle, swing = 0.5 * (low + high), 0.5 * (high - low)

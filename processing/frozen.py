@@ -9,25 +9,30 @@ from sawbench.bench.plain_digits import plain
 from sawbench.bench.processed import CrankAngle
 from sawbench.bench.recording import Floats
 from sawbench.processing.binning import TWO_PI
+from sawbench.processing.stretches import Stretches
 
 # A stroke that is shorter than the resolution of time may be level; several turns of the crank are in no signal.
-_LEAST_TURNS: Final = 3.0
+LEAST_TURNS: Final = 3
 # Coarse converters, values held between updates and a force without noise repeat values everywhere.
 _MOST_EQUAL: Final = 0.1
 
 
-def frozen_part(time_s: Floats, values: Floats, angle: CrankAngle) -> tuple[float, float] | None:
-    """Find the longest stretch of equal values over several strokes, in a channel that changes at every sample else.
+def longest_stop(time_s: Floats, values: Floats) -> tuple[float, float] | None:
+    """Find the longest stretch of equal values in a channel that changes at nearly every sample else.
 
     Parameters
     ----------
     time_s, values : ndarray, shape (n,)
-    angle : CrankAngle
 
     Returns
     -------
     (start_s, end_s) or None
-        None where there is no such stretch, or all values are equal.
+        None where there is no such stretch, or all values are equal. Whether the machine rests then is not asked.
+
+    Examples
+    --------
+    >>> longest_stop(np.arange(8.0), np.array([0.3, 0.1, 0.2, 0.2, 0.2, 0.2, 0.4, 0.1]))
+    (2.0, 5.0)
     """
     is_equal = np.diff(values) == 0.0
     edges = np.flatnonzero(np.diff(np.r_[False, is_equal, False]))
@@ -39,17 +44,29 @@ def frozen_part(time_s: Floats, values: Floats, angle: CrankAngle) -> tuple[floa
     others = len(is_equal) - (last - first)
     if np.count_nonzero(is_equal) - (last - first) > _MOST_EQUAL * others:
         return None
-    turned = np.diff(np.interp(time_s[[first, last]], angle.time_s, angle.angle_rad))[0]
-    return (float(time_s[first]), float(time_s[last])) if turned >= _LEAST_TURNS * TWO_PI else None
+    return float(time_s[first]), float(time_s[last])
 
 
-def frozen_words(time_s: Floats, values: Floats, unit: str, angle: CrankAngle | None) -> tuple[str, ...]:
-    """Say that a channel stands at one value while the crank turns, and when; nothing where it does not."""
-    found = None if angle is None else frozen_part(time_s, values, angle)
-    if found is None:
+def stop_words(time_s: Floats, values: Floats, unit: str, stop: tuple[float, float]) -> str:
+    """Say at which value a channel stands, and when."""
+    held = values[np.searchsorted(time_s, stop[0])]
+    since, until = (plain(one, "s", digits=3) for one in stop)
+    return f"at {held + 0.0:.6g} {unit} from {since} to {until} while the crank turns"
+
+
+def frozen_words(
+    time_s: Floats, values: Floats, unit: str, angle: CrankAngle | None, running: Stretches
+) -> tuple[str, ...]:
+    """Say that a channel stands at one value while the saw runs, and when; nothing where it does not.
+
+    A saw that coasts draws no current: only the stretches in which it runs, in the wood or in air, count.
+    """
+    stop = None if angle is None else longest_stop(time_s, values)
+    if angle is None or stop is None:
         return ()
-    held = values[np.searchsorted(time_s, found[0])]
-    return (
-        f"stands at {held:.6g} {unit} from {plain(found[0], 's', digits=3)} to {plain(found[1], 's', digits=3)} while"
-        " the crank turns: its instrument stopped sending; record again, or import the part before",
-    )
+    inside_s = np.clip(np.array(running).reshape(-1, 2), *stop)
+    turned_rad = np.diff(np.interp(inside_s, angle.time_s, angle.angle_rad), axis=1).max(initial=0.0)
+    if turned_rad < LEAST_TURNS * TWO_PI:
+        return ()
+    where = stop_words(time_s, values, unit, stop)
+    return (f"stands {where}: its instrument stopped sending; record again, or import the part before",)

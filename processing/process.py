@@ -107,7 +107,7 @@ def process_recording(recording: Recording, config: BenchConfig, *, source_sha25
     channels = clean_channels(recording)
     motion = _find_motion(channels, config, recording.trial)
     channels = with_impacts(channels, recording, motion.angle)
-    quality = _judged(channels, config, recording.trial, motion.angle)
+    quality = _judged(channels, config, recording.trial, motion)
     status = _status_without_cutting(channels, config, recording.trial, motion)
     base = ProcessedTrial(
         trial=recording.trial,
@@ -133,14 +133,14 @@ def process_recording(recording: Recording, config: BenchConfig, *, source_sha25
     return _with_cycles(base, recording.signals, channels, config, motion.angle, motion.cycles)
 
 
-def _judged(
-    channels: Channels, config: BenchConfig, trial: Trial, angle: CrankAngle | None
-) -> tuple[ChannelQuality, ...]:
+def _judged(channels: Channels, config: BenchConfig, trial: Trial, motion: _Motion) -> tuple[ChannelQuality, ...]:
     """Health of every channel, and whether its values can be those of this bench while it runs."""
     suspicions = plausibility_problems(channels, config, trial.duty)
+    running = tuple((phase.start_s, phase.end_s) for phase in motion.phases if phase.kind in ("in_air", "running"))
     found = []
     for name, channel in channels.items():
-        wrong = suspicions.get(name, ()) + frozen_words(channel.time_s, channel.values, channel.unit, angle)
+        frozen = frozen_words(channel.time_s, channel.values, channel.unit, motion.angle, running)
+        wrong = suspicions.get(name, ()) + frozen
         quality = channel.quality
         found.append(replace(quality, problems=quality.problems + wrong, doubts=quality.doubts + wrong))
     return tuple(found)

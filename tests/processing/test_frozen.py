@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from sawbench.bench.config import BenchConfig
 from sawbench.bench.recording import Gap, Recording, Signal, Trial
+from sawbench.diagnosis.channel_defects import defect_of
 from sawbench.processing.process import process_recording
 
 RATE_HZ, STROKE_HZ, SECONDS, PEAK_N = 1000.0, 14.0, 3.0, 200.0
@@ -88,3 +89,29 @@ def test_samples_that_are_missing_one_by_one_cost_no_stroke(channel):
     assert found.period.confidence == "high"
     assert found.period.n_cycles >= 40
     assert any("samples are missing" in text for text in found.warnings)
+
+
+def test_a_saw_that_coasts_without_current_is_not_doubted():
+    running = recording()
+    time_s = running.signals["force_n"].time_s
+    # From 2.3 s on the rate falls from 14 Hz by 9 Hz in a second: eight strokes without current.
+    coasting = np.maximum(time_s - 2.3, 0.0)
+    phase = 2.0 * np.pi * (STROKE_HZ * time_s - 4.5 * coasting**2)
+    rng = np.random.default_rng(3)
+    driven = np.where(coasting > 0.0, 0.0, 10.0 + 0.03 * rng.normal(size=len(time_s)))
+    values = {"displacement_mm": 10.0 * (1.0 - np.cos(phase)), "motor_current_a": driven}
+    signals = {name: replace(running.signals[name], values=v) for name, v in values.items()}
+    found = process_recording(Recording(trial=Trial(trial_id="t", material="none"), signals=signals), BenchConfig())
+    assert not found.doubts("motor_current_a")
+    assert defect_of(signals["motor_current_a"], [signals["displacement_mm"]]) is None
+
+
+@pytest.mark.parametrize("channel", ["force_n", "motor_current_a"])
+def test_diagnose_leaves_out_a_channel_that_stops_for_a_part_of_the_trial(channel):
+    found = with_values(recording(), channel, stop_after(900, 2100)).signals
+    others = [signal for name, signal in found.items() if name != channel]
+    defect = defect_of(found[channel], others)
+    assert defect is not None
+    assert "from 0.900 s to 2.10 s while the crank turns" in defect[0]
+    whole = recording().signals
+    assert defect_of(whole[channel], others) is None
