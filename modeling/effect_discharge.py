@@ -18,6 +18,7 @@ from numpy.polynomial import legendre
 from sawbench.bench.errors import InputError
 from sawbench.bench.recording import Floats
 from sawbench.modeling.discharge import N_CURVE_POINTS, Discharge, DischargeCurves, EndedBy, quadrature_error
+from sawbench.modeling.effects.current_limit import beyond_limit
 from sawbench.modeling.effects.learned import out_of_range
 from sawbench.modeling.operating_point import OperatingPoint, check_scales, mean_over_time, periodic_stroke
 from sawbench.modeling.residuals import Baseline
@@ -95,6 +96,7 @@ def discharge_with_effects(
                 break
     if means is None:
         return _stalled()
+    states = [stroke.state for stroke in run.strokes if stroke is not None]
     runtime_s, span_as = run.integral(1.0 / means.battery_a), run.span_as
     numerical_error_s = quadrature_error(1.0 / means.battery_a[::-1], span_as) + moved_as / float(means.battery_a[-1])
     ended_by: EndedBy = "voltage" if point.charge_used_as + span_as < end_as else "soc"
@@ -107,7 +109,7 @@ def discharge_with_effects(
         status="ok",
         message="reached the cut-off",
         numerical_error_s=numerical_error_s,
-        notes=out_of_range(baseline.known, baseline, [stroke.state for stroke in run.strokes if stroke is not None]),
+        notes=(*out_of_range(baseline.known, baseline, states), *beyond_limit(baseline.known, states)),
         _make_curves=lambda: run.curves(means, capacity_as),
     )
 

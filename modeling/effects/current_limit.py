@@ -12,11 +12,17 @@ current is that of the hardest cut. Limits of 10 to 40 A: assumed.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
 import numpy as np
 from sawbench.bench.recording import Floats
 from sawbench.modeling.effects.effect import Effect, Strength, Words
 from sawbench.modeling.residuals import Baseline, Signature
 from sawbench.modeling.state import START_UP_STEP_S, State
+
+if TYPE_CHECKING:
+    from sawbench.modeling.effects.known import KnownEffect
 
 # Width of the hard limit's edge over the distance of the edge from the top current.
 _EDGE = 0.25
@@ -68,6 +74,30 @@ def _left_over(baseline: Baseline, state: State, current_a: Floats) -> Floats:
     plant = baseline.plant
     emf = plant.back_emf_constant_v_s_per_rad.nominal * baseline.gear * state.speed_rad_s
     return np.maximum(state.motor_voltage_v - plant.resistance_ohm.nominal * current_a - emf, 0.0)
+
+
+def beyond_limit(known: Sequence[KnownEffect], states: Sequence[State]) -> tuple[str, ...]:
+    """Say where the current of predicted strokes stays above a limit, one sentence; nothing where it does not.
+
+    The forms hold back no more than the voltage that is left over: the current then rises no further, but only a motor
+    that becomes faster takes it back below the limit.
+
+    Parameters
+    ----------
+    known : sequence of KnownEffect
+        Others than current limits are passed over.
+    states : sequence of State
+        Running, with a current.
+    """
+    tops_a = [one.scales.get("top_current_a", np.inf) for one in known if one.effect.name == EFFECT.name]
+    least_a = [float(state.current_a.min()) for state in states if state.current_a is not None]
+    if not tops_a or max(least_a, default=0.0) <= min(tops_a):
+        return ()
+    return (
+        f"[effects] {EFFECT.name} limits the top of the current, to {min(tops_a):.4g} A (top_current_a); here the"
+        f" predicted current stays above that over the whole stroke, at {max(least_a):.4g} A and more: a limited saw"
+        " is slower and draws less, so the runtime is too short",
+    )
 
 
 EFFECT = Effect(

@@ -324,3 +324,16 @@ def test_an_effect_of_an_instant_is_the_same_instant_by_instant(effect):
 def test_what_takes_a_whole_stroke_is_refused_by_name():
     with pytest.raises(InputError, match="force_sensor_lag cannot be simulated from rest"):
         simulate_with_effects(knowing("force_sensor_lag", 2e-3, {"damping": 0.0}), POINT, np.array([0.0, 0.1]))
+
+
+@pytest.mark.parametrize(("share_of_top", "is_said"), [(1.2, False), (0.95, False), (0.85, True), (0.75, True)])
+def test_a_limit_below_what_the_whole_stroke_draws_is_said_to_be_beyond_the_form(share_of_top, is_said):
+    """No machine draws more than its limit on average."""
+    top_a = float(periodic_stroke(BASELINE, POINT).state.current_a.max())
+    limit = knowing("current_limit", 1.0, {"share": 0.98, "soft": 0.0})
+    known = tuple(replace(one, scales={"top_current_a": share_of_top * top_a}) for one in limit.known)
+    found = discharge_with_effects(replace(limit, known=known), POINT)
+    exceeds = found.mean_motor_current_a > share_of_top * top_a
+    assert exceeds == is_said
+    assert bool(found.notes) == is_said
+    assert all("the runtime is too short" in note for note in found.notes)
