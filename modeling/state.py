@@ -147,7 +147,7 @@ class State:
     time_s : ndarray, shape (n_units, 1)
         Time since the start of the trial.
     cut_distance_m : ndarray, shape (n_units, 1)
-        Distance the blade had cut before, over its life in this campaign.
+        Way of the teeth through the wood before, one stroke a turn, over the blade's life in this campaign.
     charge_used_as : ndarray, shape (n_units, 1)
         Charge taken from the battery before, A s.
     slow : mapping of Memory to ndarray, shape (n_units, 1)

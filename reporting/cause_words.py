@@ -15,7 +15,7 @@ from sawbench.reporting.quantities import format_quantity
 _RATES: Final = {
     "torque_at_1000_rad_s_n_m": ("torque at 1000 rad/s", "N*m", 1.0),
     "drift_n_per_1000_s": ("drift", "N per 1000 s", 1.0),
-    "growth_per_10_m": ("growth", "% per 10 m of cut", 100.0),
+    "growth_per_10_m": ("growth", "% per 10 m of blade travel", 100.0),
 }
 # What stands before the word for a period of the motion, where that is meant.
 _OF_CYCLES: Final = ("simulated", "mean", "single", "harmonic of the", "One", "with the")

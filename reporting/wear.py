@@ -134,7 +134,7 @@ def wear_picture(found: Sequence[WornTrial]) -> Picture | None:
             xycoords=("axes fraction", "data"), va="bottom", fontsize=8.5, color=QUIET,
         )  # fmt: skip
         axis.set_ylim(top=max(axis.get_ylim()[1], 125.0 * BLADE_GROWTH_LIMIT))
-        axis.set_xlabel("length cut by the blade / m")
+        axis.set_xlabel("length of the kerf cut by the blade / m")
         axis.set_ylabel("growth of $k_{Fc}$ / %")
         figure.legend(loc="outside lower center", ncols=2, fontsize=8.5)
         largest = max(found, key=lambda one: one.growth)

@@ -1,9 +1,9 @@
-"""The blade dulls: k (1 + w g(distance cut)), monotone over its life, no recovery at rest.
+"""The blade dulls: k (1 + w g(d)), monotone over its life, no recovery at rest.
 
-g = (d / 10 m)^q with q = 0.5, 1, 1.5, or a quick running-in (1 - exp(-d/d_0)) / (1 - exp(-10 m/d_0)). w is the
-growth over the first 10 m. Positive amplitude: the force grows. Heat and offset
-drift recover at rest or leave the shape alone. The paper changes its blades when the specific force has
-grown by 20 %; rate: assumed.
+d is the way of the teeth through the wood, one stroke a turn, not the length of the kerf. g = (d / 10 m)^q with q 0.5,
+1, 1.5, or a quick running-in (1 - exp(-d/d_0)) / (1 - exp(-10 m/d_0)). w is the growth over the first 10 m. Positive
+amplitude: the force grows. Heat and offset drift recover at rest or leave the shape alone. The paper changes its blades
+when the specific force has grown by 20 %; rate: assumed.
 """
 
 from __future__ import annotations
@@ -61,7 +61,7 @@ _STRENGTH: Final = Strength(
 EFFECT = Effect(
     name="blade_wear",
     place="cutting",
-    equation="k * (1 + w * distance cut)",
+    equation="k * (1 + w * blade travel in the wood)",
     words=Words(
         happens="the blade becomes blunt during the campaign",
         measure="the force in one piece of wood with this blade and with a new one",

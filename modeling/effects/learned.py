@@ -96,7 +96,7 @@ QUANTITIES: Final[Mapping[str, Quantity]] = MappingProxyType(
         "motor_current_a": Quantity(words="motor current", unit="A", of=lambda _, s: s.current_a, grows_with=("load",)),
         "time_s": Quantity(words="time in the trial", unit="s", of=lambda _, s: s.time_s, grows_with=("time",)),
         "cut_distance_m": Quantity(
-            words="distance cut", unit="m", of=lambda _, s: s.cut_distance_m, grows_with=("time",)
+            words="blade travel in the wood", unit="m", of=lambda _, s: s.cut_distance_m, grows_with=("time",)
         ),
         "motor_heat_a2": Quantity(
             words=f"motor heat (mean square of the current, memory of {_HEAT_S:.0f} s)", unit="A^2",

@@ -255,7 +255,7 @@ def test_a_sensor_at_fault_goes_by_its_channel():
         ("frequency_hz", {"value": 262.0, "std": 123.4, "unit": "Hz"}, "frequency 260 ± 120 Hz"),
         ("time_constant_s", {"value": 12.5, "std": None, "unit": "s"}, "time constant 12.5 s"),
         ("drift_n_per_1000_s", {"value": -1100.0, "std": 3100.0, "unit": "N"}, "drift −1100 ± 3100 N per 1000 s"),
-        ("growth_per_10_m", {"value": 0.12, "std": 0.034, "unit": "1"}, "growth 12.0 ± 3.4 % per 10 m of cut"),
+        ("growth_per_10_m", {"value": 0.12, "std": 0.034, "unit": "1"}, "growth 12.0 ± 3.4 % per 10 m of blade travel"),
         ("stiffness_n_per_m", {"value": 160400.0, "std": 24000.0, "unit": "N/m"}, "stiffness 160000 ± 24000 N/m"),
     ],
 )
