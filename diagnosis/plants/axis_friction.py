@@ -25,7 +25,7 @@ class ByDirection:
     forward_n, backward_n : float
         Towards larger and smaller displacement.
     difference_n, difference_std_n : float
-        Forward less backward; standard uncertainty by the scatter of the cycles.
+        Forward less backward; standard uncertainty by the scatter of the cycles and the zero of the forces.
     is_significant : bool
         The difference is outside of its 95 % interval about 0.
     """
@@ -63,7 +63,9 @@ def friction_n(states: Sequence[AxisState], config: LinearAxisConfig) -> float:
     return 0.0 if len(rows) < _LEAST_POINTS else max(float(_by_direction(rows).mean()), 0.0)
 
 
-def friction_by_direction(states: Sequence[AxisState], mass_kg: float) -> ByDirection | None:
+def friction_by_direction(
+    states: Sequence[AxisState], mass_kg: float, *, zero_std_n: float = 0.0
+) -> ByDirection | None:
     """Size the dry friction in each direction, cycle by cycle.
 
     Parameters
@@ -71,13 +73,16 @@ def friction_by_direction(states: Sequence[AxisState], mass_kg: float) -> ByDire
     states : sequence of AxisState
     mass_kg : float
         Of what moves.
+    zero_std_n : float
+        Standard uncertainty of a constant force between drive and load: it is added to one direction and taken from the
+        other.
 
     Returns
     -------
     ByDirection or None
         None with fewer than three cycles or windows that move both ways.
     """
-    from scipy.special import stdtrit
+    from scipy.special import ndtri, stdtrit
 
     found = []
     for state in states:
@@ -91,11 +96,15 @@ def friction_by_direction(states: Sequence[AxisState], mass_kg: float) -> ByDire
     forward_n, backward_n = np.mean(found, axis=0)
     differences = np.array([a - b for a, b in found])
     std = float(np.std(differences, ddof=1) / np.sqrt(len(found)))
-    difference = float(differences.mean())
+    difference, zero_n = float(differences.mean()), 2.0 * zero_std_n
+    half = np.hypot(float(stdtrit(len(found) - 1, 0.975)) * std, float(ndtri(0.975)) * zero_n)
     return ByDirection(
-        forward_n=float(forward_n), backward_n=float(backward_n), difference_n=difference, difference_std_n=std,
-        is_significant=bool(abs(difference) > float(stdtrit(len(found) - 1, 0.975)) * std),
-    )  # fmt: skip
+        forward_n=float(forward_n),
+        backward_n=float(backward_n),
+        difference_n=difference,
+        difference_std_n=float(np.hypot(std, zero_n)),
+        is_significant=bool(abs(difference) > half),
+    )
 
 
 def both_ways_n(state: AxisState, force_n: Floats) -> float:

@@ -104,6 +104,16 @@ class LinearAxis:
         constant = self.config.force_constant_n_per_a
         return self.config.drive_gain_rel_std if constant is None else constant.rel_std
 
+    @property
+    def zero_std_n(self) -> float:
+        """Standard uncertainty of the zeros of drive and load together, N."""
+        config = self.config
+        offset = SETTINGS.axis.offset_share * self.model.force_scale_n
+        zeros = [offset if config.drive_offset_std_n is None else config.drive_offset_std_n]
+        if config.load_channel is not None:
+            zeros.append(offset if config.load_offset_std_n is None else config.load_offset_std_n)
+        return float(np.hypot.reduce(zeros))
+
     def residuals(self, state: State) -> Signature:
         """See `modeling.machines.linear_axis.bare_residuals`."""
         return bare_residuals(self.model, state)
@@ -135,10 +145,6 @@ class LinearAxis:
     def nuisances(self) -> tuple[Nuisance, ...]:
         """Mass, damping, force constant or gain of the drive, gain of the load, zero of the forces."""
         config = self.config
-        offset = SETTINGS.axis.offset_share * self.model.force_scale_n
-        zeros = [offset if config.drive_offset_std_n is None else config.drive_offset_std_n]
-        if config.load_channel is not None:
-            zeros.append(offset if config.load_offset_std_n is None else config.load_offset_std_n)
         constant = config.force_constant_n_per_a
         found = [
             _plant("moving_mass_kg", config.moving_mass_kg, _acceleration),
@@ -146,7 +152,7 @@ class LinearAxis:
             _sensor("drive_gain", config.drive_gain_rel_std, _asked_force)
             if constant is None
             else _plant("force_constant_n_per_a", constant, _asked_current),
-            _sensor("force_offset_n", float(np.hypot.reduce(zeros)), _ones),
+            _sensor("force_offset_n", self.zero_std_n, _ones),
         ]
         if config.load_channel is not None:
             found.append(_sensor("load_gain", config.load_gain_rel_std, _load_gain))
@@ -195,7 +201,14 @@ class LinearAxis:
     ) -> tuple[dict[str, Any], str]:
         """Dry friction by direction, where the cause holds it, with the mass as re-tuned."""
         mass_kg = parameters.get("moving_mass_kg", self.config.moving_mass_kg.nominal)
-        by = friction_by_direction([as_axis(s) for s in states], mass_kg) if _FRICTION in effects else None
+        if _FRICTION not in effects:
+            return {}, ""
+        found = [as_axis(s) for s in states]
+        # A gain that is wrong makes a constant force of a mean one.
+        drive_n = float(np.mean([s.drive_n.mean() for s in found]))
+        load_n = float(np.mean([0.0 if s.force_n is None else s.force_n.mean() for s in found]))
+        gains_n = np.hypot(self.scale_rel_std * drive_n, self.config.load_gain_rel_std * load_n)
+        by = friction_by_direction(found, mass_kg, zero_std_n=float(np.hypot(self.zero_std_n, gains_n)))
         return ({}, "") if by is None else (by.report(), by.words() if by.is_significant else "")
 
     def next_trial(self, states: Sequence[State], *, has_gap: bool) -> str | None:

@@ -115,3 +115,13 @@ def test_friction_beside_a_weight_is_named(motion):
     # At the force constant that is stated.
     assert 0.5 * first["by_direction"]["difference_n"] == pytest.approx(294.0 * 60.5 / FORCE_A_CURRENT, abs=3.0)
     assert any("acts a constant force of" in text for text in report["warnings"])
+
+
+@pytest.mark.parametrize(("constant_n", "is_significant"), [(0.5, False), (6.0, True)])
+def test_the_zero_of_the_drive_is_no_friction_that_differs_by_direction(constant_n, is_significant):
+    report = diagnose(campaign(back_and_forth, 2, constant_n=constant_n), parse_config(CONFIG), provenance={})
+    by = report["causes"][0]["by_direction"]
+    # The zero is known to 2 % of a force of some 60 N; it is added to one direction and taken from the other.
+    assert by["difference_n"] == pytest.approx(2.0 * constant_n, abs=0.3)
+    assert by["is_significant"] == is_significant
+    assert any("F+ ≠ F-" in text for text in report["warnings"]) == is_significant
