@@ -164,8 +164,9 @@ def compare_groups(
         h^2 = t^2 u^2 + 1.96^2 (common_rel_std d)^2
 
     The test takes repetitions as independent and roughly normal; three a material detect only differences of several
-    standard deviations, and "not significant" never means "equal". With two repetitions that scatter five times as much as
-    five of the other material, one in ten such pairs without a difference is called significant, not one in twenty.
+    standard deviations, and "not significant" never means "equal". With two repetitions that scatter five times as
+    much as five of the other material, one in ten such pairs without a difference is called significant, not one in
+    twenty.
 
     Parameters
     ----------
