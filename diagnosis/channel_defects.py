@@ -93,7 +93,7 @@ def _has_strokes(others: Sequence[Signal], during_s: tuple[float, float]) -> boo
     for signal in others:
         if signal.channel == DISPLACEMENT.name and len(signal.values):
             starts_s = stroke_starts(signal.time_s, signal.values, bulk_of(signal.values))
-            return np.count_nonzero((starts_s >= during_s[0]) & (starts_s <= during_s[1])) > LEAST_TURNS
+            return bool(np.sum((starts_s >= during_s[0]) & (starts_s <= during_s[1])) > LEAST_TURNS)
     return False
 
 

@@ -129,8 +129,9 @@ class LinearAxis:
         """
         floor_n = self.config.model_floor_n or SETTINGS.axis.floor_share * self.model.force_scale_n
         unsure = (residuals(self.model, state), self.model.known_signature(state))
-        moving = [{name: term - both_ways_n(as_axis(state), term) for name, term in one.items()} for one in unsure]
-        features = [layout.place(one, times_over_angles(state)).mean(axis=0) for one in moving if one]
+        forces = [one["mechanical"] for one in unsure if one]
+        moving: list[Signature] = [{"mechanical": one - both_ways_n(as_axis(state), one)} for one in forces]
+        features = [layout.place(one, times_over_angles(state)).mean(axis=0) for one in moving]
         unsure_n = float(np.linalg.norm(features))
         order = orders((layout.size - 1) // 2)
         shape = 1.0 / (1.0 + order / SETTINGS.axis.form_harmonic)
