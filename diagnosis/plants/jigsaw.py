@@ -22,9 +22,9 @@ from sawbench.diagnosis.inference.features import (
 )
 from sawbench.diagnosis.inference.nuisance import Nuisance, Reading
 from sawbench.diagnosis.inference.nuisances import READINGS, force_offset, further_batteries, nuisances_of, of_known
+from sawbench.diagnosis.inference.plunger_drive import plunger_drive_nuisances
 from sawbench.diagnosis.inference.settings import SETTINGS
 from sawbench.diagnosis.inference.vibration import vibration_nuisances
-from sawbench.diagnosis.inference.yielding_plunger import yielding_plunger
 from sawbench.diagnosis.inference.zero_wander import ZeroWander, zero_readings, zero_wander
 from sawbench.diagnosis.plants.plant import EquationForm
 from sawbench.diagnosis.smooth_state import smooth_state
@@ -224,7 +224,7 @@ class Jigsaw:
             *nuisances_of(baseline),
             *vibration_nuisances(baseline),
             *common_filter_nuisances(),
-            yielding_plunger(),
+            *plunger_drive_nuisances(),
             *map(of_known, self.known),
         )
 
