@@ -27,6 +27,8 @@ from sawbench.modeling.state import TWO_PI, State, TrialSetting
 _RADIUS_STEP = 1e-4
 # Gains of amplifiers and of the reference of a converter, which warm up.
 DRIFTING: Final = ("motor_current_gain", "force_gain", "battery_current_gain", "battery_voltage_gain")
+# Zeros of current probes, which warm up too; that of the force has a nuisance of its own (`zero_wander`).
+_DRIFTING_ZEROS: Final = ("motor_current_offset_a", "battery_current_offset_a")
 
 
 def nuisances_of(baseline: Baseline) -> tuple[Nuisance, ...]:
@@ -287,22 +289,22 @@ def _sensor_nuisances(baseline: Baseline) -> list[Nuisance]:
         *(shared(name, signature) for name, signature in {**gains, **zeros, "angle_zero_rad": angle_shift}.items()),
         *(
             Nuisance(
-                name=warm_up_of(name, time_s), nominal=0.0, std=sensors.std[name], is_plant=False,
-                signature=_warming(gains[name], time_s),
+                name=warm_up_of(name, time_s), nominal=0.0, std=stds[name], is_plant=False,
+                signature=_warming({**gains, **zeros}[name], time_s),
             )
-            for name in DRIFTING
+            for name in (*DRIFTING, *_DRIFTING_ZEROS)
             for time_s in sensors.drift_times_s
         ),
     ]  # fmt: skip
 
 
-def warm_up_of(gain: str, time_s: float) -> str:
-    """Name of the nuisance for the change of a gain while its amplifier warms up with a time constant."""
-    return f"{gain}, warm-up over {time_s:g} s"
+def warm_up_of(name: str, time_s: float) -> str:
+    """Name of the nuisance for the change of a gain or a zero while its amplifier warms up with a time constant."""
+    return f"{name}, warm-up over {time_s:g} s"
 
 
 def still_to_warm_up(baseline: Baseline, at_s: Floats, time_s: float) -> Floats:
-    """How far a gain is from what it is at the end of the campaign, over what it is at the beginning.
+    """How far a gain or zero is from what it is at the end of the campaign, over what it is at the beginning.
 
     Parameters
     ----------
@@ -322,12 +324,12 @@ def still_to_warm_up(baseline: Baseline, at_s: Floats, time_s: float) -> Floats:
     return (np.exp(-at_s / time_s) - last) / (1.0 - last)
 
 
-def _warming(gain: SignatureFunction, time_s: float) -> SignatureFunction:
-    """Of a gain that differs by one in the beginning and comes to its final value as the amplifier warms up."""
+def _warming(off: SignatureFunction, time_s: float) -> SignatureFunction:
+    """Of a gain or zero that is off by one in the beginning and comes to its final value as the amplifier warms up."""
 
     def signature(baseline: Baseline, state: State) -> Signature:
         left = still_to_warm_up(baseline, state.setting.session_s + state.time_s, time_s)
-        return {equation: left * wave for equation, wave in gain(baseline, state).items()}
+        return {equation: left * wave for equation, wave in off(baseline, state).items()}
 
     return signature
 
@@ -383,8 +385,11 @@ def _battery_current_gain(baseline: Baseline, state: State) -> Signature:
     return {"converter": drawn, "supply": drop}
 
 
-def _battery_current_offset(_: Baseline, state: State) -> Signature:
-    return {"converter": np.ones_like(state.angle_rad)}
+def _battery_current_offset(baseline: Baseline, state: State) -> Signature:
+    ones = np.ones_like(state.angle_rad)
+    if baseline.battery is None:
+        return {"converter": ones}
+    return {"converter": ones, "supply": baseline.battery.internal_resistance_ohm * ones}
 
 
 def _battery_voltage_gain(baseline: Baseline, state: State) -> Signature:

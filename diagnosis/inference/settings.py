@@ -186,8 +186,8 @@ class Sensors:
     linearity_share, linearity_harmonic : float
         Share of the range in use to which a sensor is linear, and the harmonic at which that halves: it is smooth.
     drift_times_s : tuple of float
-        Time constants with which a gain changes while its amplifier warms up: over the campaign by as much as the gain
-        is uncertain.
+        Time constants with which a gain, or the zero of a current, changes while its amplifier warms up: over the
+        campaign by as much as it is uncertain.
     start_up_floor : mapping of str to float
         At the first motion, where the tracked speed is least certain, in the unit of the equation; on a saw with the
         load of `load.OAK`, as `floor`.
