@@ -108,7 +108,7 @@ def _of_forms(marginal: Marginal, forms: Sequence[Column], least: float, *, gap:
     strength, without = forms[0].effect.strength, forms[0].effect.strength_without(forms[0].shape)
     of_typical = _magnitudes(forms, np.ones(len(forms)))
     # What is of background size is named only where it leaves a gap.
-    of_usual = 1.0 if strength.usual is None else np.abs(of_typical) / strength.usual
+    of_usual = 1.0 if strength.usual is None else strength.over_usual(np.abs(of_typical))
     background = SETTINGS.forms.background_amplitude / np.maximum(of_usual, _SAME)
     odds = np.maximum(odds, np.finfo(float).tiny)
     named = np.maximum(np.sqrt(least / odds), np.minimum(np.sqrt(gap / odds), background))

@@ -102,7 +102,9 @@ class Explanation:
         if self.mixture is not None:
             return self.mixture
         if self.effect.strength.usual is not None:
-            return self.strength / self.effect.strength.usual, self.strength_std / self.effect.strength.usual
+            over_usual = self.effect.strength.over_usual
+            size = over_usual(self.strength)
+            return size, abs(over_usual(self.strength + self.strength_std) - size)
         if self.effect.size_of is not None:
             return self.amplitude, self.strength_std / self.effect.strength.typical
         return self.amplitude, self.amplitude_std

@@ -25,6 +25,8 @@ _RISES = np.linspace(1.0, 2.4, 71)
 # Power of the harmonics of half a sine, the blade's speed into the wood, over their sum.
 _ORDERS = np.array([0, 1, *range(2, 21, 2)])
 _HALF_SINE = 4.0 * np.array([1.0 / np.pi**2, 0.125, *(2.0 / (np.pi * (1.0 - _ORDERS[2:] ** 2.0)) ** 2)])
+# Blade, clamp and workpiece one behind the other; a twentieth of that compliance is the background below.
+_USUAL_N_PER_M = 1e5
 _STIFFNESS_N_PER_M = tuple(float(k) for k in np.geomspace(2e4, 2e6, 16))
 
 
@@ -90,7 +92,16 @@ EFFECT = Effect(
     ),
     parts=("blade",),
     silent_in=("air", "start_up"),
-    strength=Strength(name="stiffness_n_per_m", unit="N/m", typical=1.0, low=0.7, high=1.4, source="assumed"),
+    strength=Strength(
+        name="stiffness_n_per_m",
+        unit="N/m",
+        typical=1.0,
+        low=0.7,
+        high=1.4,
+        usual=_USUAL_N_PER_M,
+        is_less_if_larger=True,
+        source="assumed",
+    ),
     signature=Prepared(_prepared),
     shapes=(
         *({"stiffness_n_per_m": k, "unloads": u} for k in _STIFFNESS_N_PER_M for u in (0.0, 1.0)),

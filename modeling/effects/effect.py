@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
-from typing import Any, Literal
+from typing import Any, Literal, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -48,6 +48,9 @@ BACKGROUND_SHARE = 0.05
 _HARDLY, _ENDLESS = 1e-6, 2.0
 
 
+FloatOrFloats = TypeVar("FloatOrFloats", float, Floats)
+
+
 @dataclass(frozen=True, kw_only=True, slots=True)
 class Strength:
     """The parameter that says how strong the effect is.
@@ -69,7 +72,9 @@ class Strength:
         typical size is the same on every machine.
     usual : float, optional
         Of a strength that is a number inside a nonlinear form: a usual one, in `unit`, where smaller ones are a smaller
-        effect.
+        effect, or larger ones.
+    is_less_if_larger : bool
+        Whether larger ones are a smaller effect: a stiffness.
     """
 
     name: str
@@ -80,6 +85,12 @@ class Strength:
     source: str
     follows: Callable[[Load], float] | None = None
     usual: float | None = None
+    is_less_if_larger: bool = False
+
+    def over_usual(self, strength: FloatOrFloats) -> FloatOrFloats:
+        """Size of the effect at some strengths, in multiples of that at the usual one, which must be stated."""
+        assert self.usual is not None
+        return self.usual / strength if self.is_less_if_larger else strength / self.usual
 
     def at(self, load: Load) -> Strength:
         """Strength as it is typical of a saw that carries another load than `load.OAK`."""

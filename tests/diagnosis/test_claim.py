@@ -486,6 +486,17 @@ def test_a_lag_or_delay_is_as_large_as_its_time_not_as_its_form(problem, columns
         assert is_background(member) == (abs(member.strength) < 1e-3 / 3.0)
 
 
+def test_a_blade_is_as_compliant_as_its_stiffness_says(problem, columns):
+    """As seen: 1700 N/mm, a little of a stiff form, was a second cause beside the right one."""
+    found = []
+    for column in columns["blade_compliance"]:
+        member = explain(Marginal(problem), [column])
+        assert member is not None
+        assert is_background(member) == (member.strength > 3e5)
+        found.append(is_background(member))
+    assert len(set(found)) == 2
+
+
 def test_a_little_of_an_effect_is_a_cause_where_it_alone_is_the_gap(problem, columns):
     """Of a size that every machine has, but the bench is quiet enough to show it as a gap: somebody looks for it.
 
