@@ -81,8 +81,8 @@ def restore_ripple(angle: CrankAngle, steady: SteadyPart, time_s: Floats, displa
     )
 
 
-def wave_seen(crank: Mechanism, at_rad: Floats, off_m: Floats) -> Floats:
-    """Wave of the angle that a plunger shows which is off by as much in every stroke: what the regression finds in it.
+def wave_seen(crank: Mechanism, at_rad: Floats, off_m: Floats, n_harmonics: int = N_RIPPLE) -> Floats:
+    """Wave of the angle that a plunger shows which is off by as much in every stroke: what a regression finds in it.
 
     Parameters
     ----------
@@ -90,15 +90,17 @@ def wave_seen(crank: Mechanism, at_rad: Floats, off_m: Floats) -> Floats:
     at_rad : ndarray, shape (n_points,)
         Evenly over one turn.
     off_m : ndarray, shape (..., n_points)
+    n_harmonics : int
+        Those of the regression here where noise hides the wave from the tracker, more where it follows that itself.
 
     Returns
     -------
     ndarray, shape (..., n_points)
         rad, of the first harmonics and without a mean.
     """
-    design = _columns(crank, at_rad)
+    design = _columns(crank, at_rad, n_harmonics)
     found = np.linalg.lstsq(design, off_m.reshape(-1, len(at_rad)).T, rcond=None)[0][3:]
-    turns = np.outer(np.arange(1, N_RIPPLE + 1), at_rad)
+    turns = np.outer(np.arange(1, n_harmonics + 1), at_rad)
     wave = found.T @ np.concatenate([np.cos(turns), np.sin(turns)])
     return np.asarray(wave.reshape(off_m.shape), dtype=np.float64)
 
@@ -129,10 +131,10 @@ def _spread(off_m: Floats) -> float:
     return max(robust_std(off_m), _LEAST_NOISE_M)
 
 
-def _columns(crank: Mechanism, at_rad: Floats) -> Floats:
-    """Columns {1, 1 - x/r, x', x' cos k, x' sin k} at some angles, shape (n, 3 + 2 N_RIPPLE)."""
+def _columns(crank: Mechanism, at_rad: Floats, n_harmonics: int = N_RIPPLE) -> Floats:
+    """Columns {1, 1 - x/r, x', x' cos k, x' sin k} at some angles, shape (n, 3 + 2 n_harmonics)."""
     displacement_m, lever_m = crank.position(at_rad)
-    turns = np.outer(at_rad, np.arange(1, N_RIPPLE + 1))
+    turns = np.outer(at_rad, np.arange(1, n_harmonics + 1))
     columns = [np.stack([np.ones(len(at_rad)), 1.0 - displacement_m / crank.radius_m, lever_m], axis=1)]
     columns += [lever_m[:, None] * np.cos(turns), lever_m[:, None] * np.sin(turns)]
     return np.hstack(columns)

@@ -252,12 +252,15 @@ def behind_the_crank(state, compliance_m_per_n):
 SPEED = float(INTACT.speed_rad_s.mean())
 
 
-def tracked_behind(behind_m):
-    """Harmonics of the angle that a program misses which tracks the plunger, behind by that in every stroke."""
+def tracked_behind(behind_m, std_m):
+    """Harmonics of the angle that a program misses which tracks the plunger, behind by that in every stroke.
+
+    `std_m` is the noise of the displacement.
+    """
     time_s = np.arange(0.0, 4.0, 1e-4)
     turned = SPEED * time_s
     behind_m = np.interp(turned, INTACT.angle_rad[0], behind_m, period=2 * np.pi)
-    noise_m = 1e-5 * np.random.default_rng(8).normal(size=len(time_s))
+    noise_m = std_m * np.random.default_rng(8).normal(size=len(time_s))
     shown_m = RADIUS * (1.0 - np.cos(turned)) - behind_m + noise_m
     steady = SteadyPart(first_motion_s=0.0, start_s=0.1, settled_s=0.3, end_s=3.9)
     track = restore_ripple(track_crank_angle(time_s, shown_m), steady, time_s, shown_m)
@@ -272,26 +275,50 @@ CUTS = {
     "of a compliant blade": lambda linear: np.roll(linear, linear.size // 20),
     "with an edge": lambda linear: np.sqrt(linear * linear.max()),
 }
-BEHIND = {"compliance": lambda pushed_n: 1.5e-7 * pushed_n, "clearance": lambda pushed_n: 1e-5 * np.sign(pushed_n)}
+CLEARANCE = 2e-5
+
+
+def loose(pushed_n):
+    """How far a plunger is behind its pin that moves freely between two stops, which do not throw it back."""
+    n_steps, angle = 20_000, INTACT.angle_rad[0]
+    turn = 2 * np.pi * (np.arange(n_steps) + 0.5) / n_steps
+    parting = np.interp(turn, angle, pushed_n, period=2 * np.pi) / MASS
+    step_s, behind, speed, found = 2 * np.pi / SPEED / n_steps, 0.0, 0.0, np.zeros(n_steps)
+    for k in range(3 * n_steps):
+        speed += parting[k % n_steps] * step_s
+        behind += speed * step_s
+        if abs(behind) > CLEARANCE / 2:
+            behind, speed = np.sign(behind) * CLEARANCE / 2, 0.0
+        found[k % n_steps] = behind
+    return np.interp(angle, turn, found, period=2 * np.pi)
+
+
+BEHIND = {"compliance": lambda pushed_n: 1.5e-7 * pushed_n, "clearance": loose}
 
 
 # In air the compliance is a change of the radius, which is found anyway.
 @pytest.mark.parametrize(("drive", "cut"), sorted({*product(BEHIND, CUTS)} - {("compliance", "air")}))
-def test_a_plunger_that_is_behind_its_pin_leaves_what_the_nuisance_says(drive, cut):
+@pytest.mark.parametrize("std_m", [1e-6, 1e-5])
+def test_a_plunger_that_is_behind_its_pin_leaves_what_the_nuisances_say(drive, cut, std_m):
+    """But for a tenth, whatever the noise lets the tracker follow by itself."""
     angle = INTACT.angle_rad[0]
     force = CUTS[cut](np.maximum(INTACT.force_n, 0.0).mean(axis=0))
     pushed = MASS * RADIUS * SPEED**2 * np.cos(angle) + BASELINE.cutting_sign * force
-    missed = tracked_behind(BEHIND[drive](pushed)) - tracked_behind(0.0 * angle)
+    missed = tracked_behind(BEHIND[drive](pushed), std_m) - tracked_behind(0.0 * angle, std_m)
     speed = np.full_like(INTACT.speed_rad_s, SPEED)
     state = replace(
         INTACT, force_n=np.broadcast_to(force, speed.shape), speed_rad_s=speed, acceleration_rad_s2=0.0 * speed
     )
-    one = next(nuisance for nuisance in plunger_drive_nuisances() if drive in nuisance.name)
-    waves, orders = one.signature(BASELINE, state)["electrical"].mean(axis=0), np.arange(1, 7)
-    said = np.mean(waves * np.exp(-1j * orders[:, None] * angle), axis=-1)
-    change = 1j * orders * missed
-    alike = np.vdot(said, change).real / np.linalg.norm(said) / np.linalg.norm(change)
-    assert alike**2 > 0.9
+    waves = [
+        one.signature(BASELINE, state)["electrical"].mean(axis=0)
+        for one in plunger_drive_nuisances()
+        if drive in one.name
+    ]
+    orders = np.arange(1, 7)
+    said = np.mean(np.array(waves) * np.exp(-1j * orders[:, None, None] * angle), axis=-1)
+    said, change = (np.concatenate([wave.real, wave.imag]) for wave in (said, 1j * orders * missed))
+    left = change - said @ np.linalg.lstsq(said, change)[0]
+    assert left @ left < 0.1 * (change @ change)
 
 
 def test_a_plunger_that_yields_by_some_hundredths_of_a_millimetre_is_no_gap():
