@@ -211,19 +211,21 @@ def is_cause(
 ) -> bool:
     """Whether an effect is more than what every machine has, or alone most of a gap.
 
-    A machine has a little of many effects: beside a cause, what is small is one of those.
-    A wave of any form explains all that is fixed in angle, and a trend of single strokes alone all that drifts: where
-    that is surely of background size, or larger than the effect ever is, it is something else. Of an effect whose
-    number belongs to its form and may be any (a frequency), how much of the form is there says no more.
+    A machine has a little of many effects: what is surely no more than that is no cause, and beside a cause, what is
+    small is one of those. A wave of any form explains all that is fixed in angle, and a trend of single strokes alone
+    all that drifts: where that is larger than the effect ever is, it is something else. Of an effect whose number
+    belongs to its form and may be any (a frequency), how much of the form is there says no more.
     """
     forms, is_alone = problem.settings.forms, len(posterior.best.effects) == 1
-    if member.effect.size_of is not None and member.in_typical_sizes[0] > _RIGHT_TO * member.effect.strength.high:
+    is_wave = member.effect.size_of is not None
+    if is_background(member, surely=True, forms=forms):
         return False
-    if member.effect.size_of is not None or (by_strokes and is_alone):
-        return not is_background(member, surely=True, forms=forms)
+    if is_wave and member.in_typical_sizes[0] > _RIGHT_TO * member.effect.strength.high:
+        return False
     has_size = by_strokes or not member.effect.carries or member.effect.strength.usual is not None
-    is_small = is_background(member, surely=not has_size, forms=forms)
-    return not is_small or (is_alone and is_most_of_a_gap(problem, posterior, predictions, member))
+    if is_wave or (by_strokes and is_alone) or not has_size or not is_background(member, forms=forms):
+        return True
+    return is_alone and is_most_of_a_gap(problem, posterior, predictions, member)
 
 
 def is_most_of_a_gap(

@@ -498,24 +498,28 @@ def test_a_blade_is_as_compliant_as_its_stiffness_says(problem, columns):
 
 
 def test_a_little_of_an_effect_is_a_cause_where_it_alone_is_the_gap(problem, columns):
-    """Of a size that every machine has, but the bench is quiet enough to show it as a gap: somebody looks for it.
+    """Of a size that many machines have, but the bench is quiet enough to show it as a gap: somebody looks for it.
 
-    Not so a trend of single strokes: beside a preload that lifts off, a growth of a tenth was a worn blade.
+    Not what is surely no more than every machine has: on an intact bench, teeth that modulate the force by half a per
+    cent, where 15 % are typical, were a cause with 67 %. Not a trend of single strokes either: beside a preload that
+    lifts off, a growth of a tenth was a worn blade.
     """
     quiet = replace(problem, data=0.02 * problem.data)
 
     def held(size):
         data = with_columns(quiet, columns, RUBBING, size)
         declared = certain_of(judge(data, columns), RUBBING)
-        member = declared.best.members[0]
-        small = replace(member, mixture=(0.05, 0.001))
-        best = replace(declared.best, members=(small,))
-        declared = replace(declared, hypotheses=(best, *declared.hypotheses[1:]))
-        predictions = OfFeatures(data, columns, declared)
-        for by_strokes in (False, True):
-            found = is_cause(data, declared, predictions, small, by_strokes=by_strokes)
-            assert found == (not by_strokes and is_most_of_a_gap(data, declared, predictions, small))
-        return is_most_of_a_gap(data, declared, predictions, small)
+        found = {}
+        for mixture in ((0.2, 0.001), (0.05, 0.001)):
+            small = replace(declared.best.members[0], mixture=mixture)
+            best = replace(declared.best, members=(small,))
+            alone = replace(declared, hypotheses=(best, *declared.hypotheses[1:]))
+            predictions = OfFeatures(data, columns, alone)
+            found[mixture[0]] = [is_cause(data, alone, predictions, small, by_strokes=one) for one in (False, True)]
+            is_most = is_most_of_a_gap(data, alone, predictions, small)
+        assert found[0.2][0] == is_most
+        assert found[0.05] == [False, False]
+        return is_most
 
     assert held(1.0)
     assert not held(0.0)
