@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 from sawbench.bench.recording import Floats
+from sawbench.bench.runs import run_ends
 
 # With fewer, a level at the end says nothing.
 _LEAST_LEVELS = 16
@@ -62,9 +63,10 @@ def clipped_levels(values: Floats) -> dict[float, int]:
 
 def _visits(is_near: NDArray[np.bool_], is_at_end: NDArray[np.bool_]) -> tuple[NDArray[np.int_], NDArray[np.int_]]:
     """Samples at the end, and samples near it, of every stretch near it that holds a flat part of the end."""
-    edges = np.flatnonzero(np.diff(np.r_[False, is_near, False]))
-    at = np.diff(np.r_[0, np.cumsum(is_at_end)][edges])[::2]
-    return at[at >= _FLAT], np.diff(edges)[::2][at >= _FLAT]
+    first, end = run_ends(is_near)
+    counts = np.r_[0, np.cumsum(is_at_end)]
+    at = counts[end] - counts[first]
+    return at[at >= _FLAT], (end - first)[at >= _FLAT]
 
 
 def step_of(values: Floats) -> float:

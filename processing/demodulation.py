@@ -15,6 +15,7 @@ from numba import njit
 from numpy.typing import NDArray
 from sawbench.bench.processed import CrankAngle
 from sawbench.bench.recording import Floats
+from sawbench.bench.runs import run_ends
 
 _BLOCKS_A_CYCLE = 8
 _WINDOW_CYCLES = 4
@@ -159,8 +160,7 @@ def angle_from_line(
 
 def _long_runs(mask: NDArray[np.bool_], shortest: int) -> NDArray[np.bool_]:
     """Keep the runs of True that are at least `shortest` long."""
-    edges = np.flatnonzero(np.diff(np.r_[False, mask, False]))
     kept = np.zeros(len(mask), dtype=bool)
-    for first, last in zip(edges[::2], edges[1::2], strict=True):
+    for first, last in zip(*run_ends(mask), strict=True):
         kept[first:last] = last - first >= shortest
     return kept

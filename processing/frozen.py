@@ -8,6 +8,7 @@ import numpy as np
 from sawbench.bench.plain_digits import plain
 from sawbench.bench.processed import CrankAngle
 from sawbench.bench.recording import Floats
+from sawbench.bench.runs import run_ends
 from sawbench.processing.binning import TWO_PI
 from sawbench.processing.stretches import Stretches
 
@@ -35,16 +36,14 @@ def longest_stop(time_s: Floats, values: Floats) -> tuple[float, float] | None:
     (2.0, 5.0)
     """
     is_equal = np.diff(values) == 0.0
-    edges = np.flatnonzero(np.diff(np.r_[False, is_equal, False]))
-    if not len(edges) or is_equal.all():
+    if is_equal.all() or not is_equal.any():
         return None
-    starts, ends = edges[::2], edges[1::2]
-    longest = int(np.argmax(ends - starts))
-    first, last = int(starts[longest]), int(ends[longest])
-    others = len(is_equal) - (last - first)
-    if np.count_nonzero(is_equal) - (last - first) > _MOST_EQUAL * others:
+    first, last = run_ends(is_equal)
+    longest = int(np.argmax(last - first))
+    n_longest = int(last[longest] - first[longest])
+    if np.count_nonzero(is_equal) - n_longest > _MOST_EQUAL * (len(is_equal) - n_longest):
         return None
-    return float(time_s[first]), float(time_s[last])
+    return float(time_s[first[longest]]), float(time_s[last[longest]])
 
 
 def stop_words(time_s: Floats, values: Floats, unit: str, stop: tuple[float, float]) -> str:

@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 from sawbench.bench.processed import CrankAngle, Phase, PhaseKind
 from sawbench.bench.recording import Floats
+from sawbench.bench.runs import run_ends
 from sawbench.bench.spread import robust_std
 
 _STILL_SHARE = 0.05
@@ -121,8 +122,8 @@ def runs(mask: NDArray[np.bool_]) -> list[tuple[int, int]]:
     >>> runs(np.array([True, True, False, True]))
     [(0, 2), (3, 4)]
     """
-    edges = np.flatnonzero(np.diff(np.r_[False, mask, False]))
-    return [(int(a), int(b)) for a, b in zip(edges[::2], edges[1::2], strict=True)]
+    first, end = run_ends(mask)
+    return list(zip(first.tolist(), end.tolist(), strict=True))
 
 
 def _moving_kinds(

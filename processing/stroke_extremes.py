@@ -10,6 +10,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 from sawbench.bench.recording import Floats
+from sawbench.bench.runs import run_ends
 from sawbench.processing.noise import robust_range
 from sawbench.processing.sliding import sliding_maximum
 
@@ -305,9 +306,9 @@ def _follow_turns(y: Floats, turns: Turns, *, radius_std_m: float) -> Travel:
     level = np.where(turns.is_top, np.percentile(value[turns.is_top], 75.0), np.percentile(value[~turns.is_top], 25.0))
     off = np.abs(value - level)
     is_usual = off <= max(_VARYING_SHARE * 0.5 * (np.ptp(level) or 1.0), off.min())  # where all differ, the nearest
-    edges = np.flatnonzero(np.diff(np.r_[False, is_usual, False]))
-    run = int(np.argmax(edges[1::2] - edges[::2]))
-    usual = slice(edges[2 * run], edges[2 * run + 1])
+    first, end = run_ends(is_usual)
+    longest = int(np.argmax(end - first))
+    usual = slice(first[longest], end[longest])
     plateau = turns.index[usual][[0, -1]]
     ends = []
     for is_top in (True, False):

@@ -89,20 +89,18 @@ def wave_seen(crank: Mechanism, at_rad: Floats, off_m: Floats, n_harmonics: int 
     crank : Mechanism
     at_rad : ndarray, shape (n_points,)
         Evenly over one turn.
-    off_m : ndarray, shape (..., n_points)
+    off_m : ndarray, shape (n_points,)
     n_harmonics : int
         Those of the regression here where noise hides the wave from the tracker, more where it follows that itself.
 
     Returns
     -------
-    ndarray, shape (..., n_points)
+    ndarray, shape (n_points,)
         rad, of the first harmonics and without a mean.
     """
-    design = _columns(crank, at_rad, n_harmonics)
-    found = np.linalg.lstsq(design, off_m.reshape(-1, len(at_rad)).T, rcond=None)[0][3:]
+    found = np.linalg.lstsq(_columns(crank, at_rad, n_harmonics), off_m, rcond=None)[0][3:]
     turns = np.outer(np.arange(1, n_harmonics + 1), at_rad)
-    wave = found.T @ np.concatenate([np.cos(turns), np.sin(turns)])
-    return np.asarray(wave.reshape(off_m.shape), dtype=np.float64)
+    return np.asarray(found @ np.concatenate([np.cos(turns), np.sin(turns)]), dtype=np.float64)
 
 
 def _regress(crank: Mechanism, turned_rad: Floats, left_m: Floats) -> tuple[Floats, Floats]:

@@ -12,6 +12,7 @@ from typing import Final, Protocol
 
 import numpy as np
 from sawbench.bench.recording import Floats
+from sawbench.bench.runs import run_ends
 from sawbench.bench.spread import STD_OVER_MEDIAN
 from sawbench.bench.units import FORCE, MOTOR_CURRENT
 from sawbench.diagnosis.inference.settings import SETTINGS
@@ -88,8 +89,7 @@ def _runs(left: Floats, resolution: float) -> tuple[np.ndarray, np.ndarray]:
     beside = np.zeros_like(far)
     beside[1:] = far[:-1]
     beside[:-1] |= far[1:]
-    edges = np.flatnonzero(np.diff(np.concatenate([[False], far & beside, [False]]).astype(int)))
-    return edges[::2], edges[1::2]
+    return run_ends(far & beside)
 
 
 def _is_measured(left: Floats) -> np.ndarray:
