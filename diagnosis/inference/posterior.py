@@ -20,6 +20,7 @@ from sawbench.diagnosis.inference.hypothesis import Hypothesis, Verdict
 from sawbench.diagnosis.inference.left_over import left_by, left_over
 from sawbench.diagnosis.inference.linear_problem import LinearProblem
 from sawbench.diagnosis.inference.marginal import Marginal
+from sawbench.diagnosis.inference.one_form import with_the_form_that_shows
 from sawbench.diagnosis.inference.retuning import Retuning
 from sawbench.diagnosis.inference.size import together
 from sawbench.diagnosis.inference.stroke_evidence import (
@@ -123,8 +124,7 @@ def judge(
     plant, effects = campaign.plant, campaign.plant.effects
 
     def bench_with_background() -> tuple[_Bench, Mapping[str, Floats]]:
-        little = little_of_each(problem, columns)
-        return _bench_of(problem, columns, little), little
+        return _bench_of(problem, columns, little_of_each(problem, columns))
 
     def beside_mean_strokes() -> tuple[Any, ...]:
         asynchronous = [*off_stroke_findings(campaign.off_stroke), *unsteady_balances(problem)]
@@ -178,8 +178,11 @@ class _Bench:
     forming: Forming
 
 
-def _bench_of(problem: LinearProblem, columns: dict[str, list[Column]], little: Mapping[str, Floats]) -> _Bench:
-    plant = problem.campaign.plant
+def _bench_of(
+    problem: LinearProblem, columns: dict[str, list[Column]], little: Mapping[str, Floats]
+) -> tuple[_Bench, Mapping[str, Floats]]:
+    """Build it, and the background effects with the forms of them that show."""
+    plant, as_measured = problem.campaign.plant, columns
     beyond = catalogue_columns(problem, plant.beyond_catalogue)
     catalogue = Catalogue(columns, problem.data)
     dispersion = noise_factor(problem, catalogue, Catalogue(beyond, problem.data))
@@ -187,12 +190,25 @@ def _bench_of(problem: LinearProblem, columns: dict[str, list[Column]], little: 
         problem = with_noise(problem, dispersion)
         columns, beyond = (columns_with_noise(problem, found, dispersion) for found in (columns, beyond))
         catalogue = Catalogue(columns, problem.data)
+    little = with_the_form_that_shows(little, as_measured, dispersion, _beside(problem, catalogue, little, dispersion))
     small = background_with_noise(little, dispersion)
     nominal = Marginal(problem, extra=small)
     forming = Forming(problem, small, nominal, dispersion)
-    return _Bench(
+    bench = _Bench(
         problem=problem, dispersion=dispersion, catalogue=catalogue, beyond=beyond, nominal=nominal, forming=forming
     )
+    return bench, little
+
+
+def _beside(
+    problem: LinearProblem, catalogue: Catalogue, little: Mapping[str, Floats], dispersion: Floats
+) -> list[Marginal]:
+    """Beside what a little of an effect may show: no effect, wrong parameters, each of the likeliest effects."""
+    small = background_with_noise(little, dispersion)
+    nominal = Marginal(problem, extra=small)
+    rough = sorted(catalogue.explain(nominal).values(), key=lambda e: -e.log_evidence)
+    likeliest = [nominal.beside(e.column.of_any_size) for e in rough[: problem.settings.forms.n_first]]
+    return [nominal, Marginal(problem, scale=problem.wide_scale, extra=small), *likeliest]
 
 
 def _without_effects(bench: _Bench, retuning: Retuning) -> list[Hypothesis]:

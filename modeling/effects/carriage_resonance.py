@@ -92,6 +92,6 @@ EFFECT = Effect(
     grows_with=("speed", "load"),
     confused_with=("tooth_passing_ripple", "force_sensor_lag"),
     told_apart_by="trials at several speeds: the resonance keeps its frequency",
-    background=None,
+    is_at_one_place=True,
     distorts=_distorts,
 )

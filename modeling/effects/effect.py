@@ -178,6 +178,8 @@ class Effect:
     background : tuple of (shape, float), optional
         Shapes that stand for a little of it, each with its standard deviation as a multiple of the typical size;
         without them `BACKGROUND_SHARE` of it, in any of its shapes.
+    is_at_one_place : bool
+        A machine has it at one place of a wide range, such as a frequency: a little of it is a little of one shape.
     combine : callable, optional
         (baseline, state, coefficients, **shape) -> the sum of the signatures times coefficients, where that is cheaper
         than signature by signature.
@@ -227,6 +229,7 @@ class Effect:
     confused_with: tuple[str, ...] = ()
     told_apart_by: str = ""
     background: tuple[tuple[dict[str, float], float], ...] | None = None
+    is_at_one_place: bool = False
     combine: Callable[..., Signature] | None = None
     size_of: Callable[[Floats], float] | None = None
     leading: int = 0

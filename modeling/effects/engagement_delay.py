@@ -7,7 +7,8 @@ positive after it where k_Fc was regressed over the whole cutting half: that is 
 speed that is travelled without a force. Backlash delays by far less and also bends the displacement; a lag moves with
 the stroke rate. Range 2 to 40 % of the travel: assumed (play of blade and workpiece, tooth pitch over thickness).
 On every saw the teeth take the cut up one after the other, within a tooth pitch (up to 4 mm): a force that rises softly
-from the very start, over up to a twelfth of the travel, is background.
+from the very start, over up to a twelfth of the travel, is background. So is a bite that is late by up to 1 % of it,
+as a play of some hundredths of a millimetre makes it.
 """
 
 from __future__ import annotations
@@ -52,5 +53,8 @@ EFFECT = Effect(
     confused_with=("yoke_backlash", "cutting_speed_exponent", "force_sensor_lag"),
     told_apart_by="trials at several speeds: it stays at the same blade position",
     # From half of the force at the very start to all of it at half of the ramp.
-    background=tuple(({"fraction": 0.0, "ramp": ramp}, 1.0) for ramp in (0.01, 0.02, 0.04, 0.08, 0.16)),
+    background=(
+        *(({"fraction": 0.0, "ramp": ramp}, 1.0) for ramp in (0.01, 0.02, 0.04, 0.08, 0.16)),
+        *(({"fraction": d, "ramp": 0.001}, 1.0) for d in (0.0025, 0.005, 0.01)),
+    ),
 )

@@ -70,7 +70,9 @@ EFFECT = Effect(
     confused_with=("carriage_resonance",),
     told_apart_by="trials at other speeds: it keeps its blade position, a resonance its frequency",
     leading=2,
+    # A little of any of its waves, that of every second tooth too.
     background=tuple(
-        ({"pitch_m": 1.0 / n, "sharp": 0.0}, 0.03) for n in (240.0, 275.0, 310.0, 345.0, 380.0, 420.0, 470.0, 530.0)
+        ({"pitch_m": 1.0 / n, "sharp": 0.0}, 0.03)
+        for n in (110.0, 130.0, 150.0, 175.0, 205.0, 240.0, 275.0, 310.0, 345.0, 380.0, 420.0, 470.0, 530.0)
     ),
 )

@@ -646,6 +646,27 @@ def test_teeth_that_take_the_cut_up_one_after_the_other_are_on_every_saw():
     assert verdict(0.15) != "no_gap"
 
 
+def test_teeth_that_bite_within_the_first_hundredth_of_the_travel_are_on_every_saw():
+    """As seen: on a quiet bench without an effect it was an unknown cause."""
+
+    def cut(speed, travelled, force):
+        return K_CUT * speed * (travelled > 0.007 * 2.0 * RADIUS)
+
+    late = problem_of(strokes(cut=cut))
+    assert judge(late, catalogue_columns(late, late.campaign.plant.effects)).verdict == "no_gap"
+
+
+def test_a_little_of_the_wave_of_every_second_tooth_is_no_gap():
+    """As seen: teeth are set to either side in turn, on every blade."""
+
+    def cut(speed, travelled, force):
+        turned = 2.0 * np.pi * travelled * 300.0
+        return K_CUT * speed * (1.0 + 0.02 * np.sin(turned) + 0.01 * np.sin(0.5 * turned + 0.7))
+
+    toothed = problem_of(strokes(cut=cut))
+    assert judge(toothed, catalogue_columns(toothed, toothed.campaign.plant.effects)).verdict == "no_gap"
+
+
 @pytest.mark.parametrize(("size", "is_declared"), [(0.06, False), (1.0, True), (15.0, False)])
 def test_a_wave_of_any_form_is_play_only_where_it_is_as_large_as_play(problem, columns, size, is_declared):
     """As seen: a belt that slips was called a play of 0.02 mm, a carriage that lifts off one of 1.7 mm."""

@@ -1,0 +1,77 @@
+"""A little of an effect that has one of some forms: one standard deviation of a form is ordinary, whichever it is."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from sawbench.diagnosis.inference.one_form import with_the_form_that_shows
+
+N, SHARE = 400, 0.05
+
+
+class Alone:
+    """Inner products with nothing integrated out."""
+
+    def __init__(self, data):
+        self.data = data
+
+    def grams(self, several):
+        return [(form.T @ form, form.T @ self.data) for form in several]
+
+
+def forms(*waves, is_at_one_place=True):
+    effect = SimpleNamespace(is_at_one_place=is_at_one_place)
+    return [SimpleNamespace(effect=effect, columns=wave, is_there_beside=lambda _: True) for wave in waves]
+
+
+def any_form(entries):
+    """The mean covariance of a little of any form, as columns."""
+    return SHARE / np.sqrt(len(entries)) * np.hstack([entry.columns for entry in entries])
+
+
+def cost(wave, little):
+    """Square of a wave over the covariance of the background and of noise of variance 1."""
+    return float(wave @ np.linalg.solve(np.eye(N) + little @ little.T, wave))
+
+
+def found(entries, *data):
+    little = {"resonance": any_form(entries)}
+    beside = [Alone(one) for one in data]
+    return with_the_form_that_shows(little, {"resonance": entries}, np.ones(N), beside)["resonance"]
+
+
+@pytest.fixture
+def unlike():
+    """Forty forms that have nothing in common, each far above the noise."""
+    return forms(*(2000.0 * np.eye(N)[:, [k]] for k in range(40)))
+
+
+def test_one_standard_deviation_of_the_form_that_shows_costs_no_more_than_one(unlike):
+    seen = SHARE * unlike[7].columns[:, 0]
+    assert cost(seen, any_form(unlike)) == pytest.approx(40.0, rel=0.05)
+    little = found(unlike, seen)
+    assert cost(seen, little) == pytest.approx(1.0, rel=0.05)
+    other = SHARE * unlike[8].columns[:, 0]
+    assert cost(other, little) == pytest.approx(40.0, rel=0.05), "one form, not all of them"
+
+
+def test_forms_are_looked_for_beside_each_that_is_given(unlike):
+    first, second = (SHARE * unlike[k].columns[:, 0] for k in (3, 21))
+    little = found(unlike, first, second)
+    assert max(cost(first, little), cost(second, little)) < 1.1
+
+
+def test_forms_that_are_alike_add_nothing():
+    wave = np.random.default_rng(4).standard_normal((N, 1))
+    alike = forms(*(size * 1e3 * wave for size in (0.99, 1.0, 1.01)))
+    little = found(alike, SHARE * alike[1].columns[:, 0])
+    assert np.linalg.norm(little) ** 2 == pytest.approx(np.linalg.norm(any_form(alike)) ** 2, rel=0.02)
+
+
+def test_an_effect_whose_forms_are_no_places_keeps_the_background_of_any_form():
+    rng = np.random.default_rng(5)
+    entries = forms(*(1e3 * rng.standard_normal((N, 1)) for _ in range(5)), is_at_one_place=False)
+    seen = SHARE * entries[0].columns[:, 0]
+    assert np.array_equal(found(entries, seen), any_form(entries))
