@@ -70,6 +70,7 @@ EFFECT = Effect(
     confused_with=("carriage_resonance",),
     told_apart_by="trials at other speeds: it keeps its blade position, a resonance its frequency",
     leading=2,
+    is_at_one_place=True,
     # A little of any of its waves, that of every second tooth too.
     background=tuple(
         ({"pitch_m": 1.0 / n, "sharp": 0.0}, 0.03)

@@ -661,7 +661,7 @@ def test_a_little_of_the_wave_of_every_second_tooth_is_no_gap():
 
     def cut(speed, travelled, force):
         turned = 2.0 * np.pi * travelled * 300.0
-        return K_CUT * speed * (1.0 + 0.02 * np.sin(turned) + 0.01 * np.sin(0.5 * turned + 0.7))
+        return K_CUT * speed * (1.0 + 0.015 * np.sin(turned) + 0.0075 * np.sin(0.5 * turned + 0.7))
 
     toothed = problem_of(strokes(cut=cut))
     assert judge(toothed, catalogue_columns(toothed, toothed.campaign.plant.effects)).verdict == "no_gap"
