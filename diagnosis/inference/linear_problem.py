@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from sawbench.bench.recording import Floats
@@ -28,9 +29,9 @@ _ZERO = "zero of the force"
 FORM_OF_KNOWN = "form of "
 
 
-@dataclass(frozen=True, kw_only=True, slots=True)
+@dataclass(frozen=True, kw_only=True)
 class Part:
-    """Features of one state.
+    """Features of one state; without slots, for what is worked out once and kept here.
 
     Attributes
     ----------
@@ -73,18 +74,23 @@ class Part:
 
     def whiten_all(self, signatures: Sequence[Signature]) -> Floats:
         """`whiten` of many signatures at once, shape (len(signatures), n_blocks * size)."""
-        n_rows, n_points = self.smooth.angle_rad.shape
-        waves: Signature = {}
-        for equation in self.layout.equations:
-            if not any(equation in signature for signature in signatures):
-                continue
-            wave = np.zeros((len(signatures), n_rows, n_points))
-            for k, signature in enumerate(signatures):
-                if equation in signature:
-                    wave[k] = signature[equation]
-            waves[equation] = wave.reshape(-1, n_points)
-        rows = self.layout.place(waves, np.tile(self.times, (len(signatures), 1))) @ self.whitener.T
-        return rows.reshape(len(signatures), n_rows * self.layout.size)
+        shape = self.smooth.angle_rad.shape
+        found = np.zeros((len(signatures), shape[0], self.layout.size))
+        for equation, of_points in self._of_points.items():
+            there = [k for k, signature in enumerate(signatures) if equation in signature]
+            waves = np.empty((len(there), *shape))
+            for wave, k in zip(waves, there, strict=True):
+                wave[:] = signatures[k][equation]
+            rows = (self.times * waves).reshape(-1, shape[1]) @ of_points
+            found[there] += rows.reshape(len(there), *found.shape[1:])
+        return found.reshape(len(signatures), -1)
+
+    @cached_property
+    def _of_points(self) -> dict[Equation, Floats]:
+        """Whitened features of a one at each point of the grid, shape (n_points, size): all is linear in these."""
+        ones = np.eye(self.smooth.angle_rad.shape[1])
+        placed = {name: self.layout.place({name: ones}, np.ones_like(ones)) for name in self.layout.equations}
+        return {name: rows @ self.whitener.T for name, rows in placed.items()}
 
     def unwhiten(self, stacked: Floats) -> Floats:
         """Features of this part, in the units of their equations, shape (n_blocks, size), from the stacked vector."""
