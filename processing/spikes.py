@@ -41,15 +41,17 @@ def find_spikes(values: Floats, noise_std: float | None = None) -> NDArray[np.bo
     """
     if len(values) < 16:
         return np.zeros(len(values), dtype=bool)
-    low, high = robust_range(values)
-    noise_std = white_noise_std(values) if noise_std is None else noise_std
-    limit = max(_NOISE_STDS * noise_std, _RANGE_SHARE * float(high - low))
-    if limit <= 0:
-        return np.zeros(len(values), dtype=bool)
-    # Only samples that jump against a neighbour can be spikes: the median is taken at those alone.
-    jump = np.abs(np.diff(values)) > 0.5 * limit
-    suspects = np.flatnonzero(np.r_[jump, False] | np.r_[False, jump])
     is_spike = np.zeros(len(values), dtype=bool)
+    low, high = robust_range(values)
+    limit, step = _RANGE_SHARE * float(high - low), np.abs(np.diff(values))
+    if step.max() <= 0.5 * limit:
+        return is_spike
+    limit = max(_NOISE_STDS * (white_noise_std(values) if noise_std is None else noise_std), limit)
+    if limit <= 0:
+        return is_spike
+    # Only samples that jump against a neighbour can be spikes: the median is taken at those alone.
+    jump = step > 0.5 * limit
+    suspects = np.flatnonzero(np.r_[jump, False] | np.r_[False, jump])
     if len(suspects):
         around = np.clip(suspects[:, None] + np.arange(-2, 3), 0, len(values) - 1)
         is_spike[suspects] = np.abs(values[suspects] - np.median(values[around], axis=1)) > limit
