@@ -8,6 +8,8 @@ a second effect, or "unknown", would always be there to mop up what the first on
 
 from __future__ import annotations
 
+from functools import lru_cache
+
 import numpy as np
 from sawbench.bench.recording import Floats
 from sawbench.diagnosis.inference.features import START_UP_EDGES_S, harmonics
@@ -36,7 +38,7 @@ def form_modes(problem: LinearProblem, contribution: Floats) -> Floats:
     """
     factors = _factors(problem)
     operators = {
-        equation: np.array(_operators(form.n_harmonics, problem.settings.forms.harmonic_factor))
+        equation: _operators(form.n_harmonics, problem.settings.forms.harmonic_factor)
         for equation, form in problem.campaign.plant.equations.items()
     }
     tables: dict[tuple[Equation, str], Floats] = {}
@@ -96,7 +98,8 @@ def _centred(values: Floats) -> Floats:
     return (values - values.mean()) / spread if spread > 0 else np.zeros_like(values)
 
 
-def _operators(n: int, harmonic_factor: float) -> list[Floats]:
+@lru_cache(maxsize=16)
+def _operators(n: int, harmonic_factor: float) -> Floats:
     """Matrices on feature rows: times 1, cos, sin, cos 2, ... of the angle; then each harmonic, as it is and turned."""
     angle = (np.arange(_N_POINTS) + 0.5) * TWO_PI / _N_POINTS
     order = np.arange(1, n + 1)
@@ -112,7 +115,7 @@ def _operators(n: int, harmonic_factor: float) -> list[Floats]:
         same[k, k] = same[n + k, n + k] = harmonic_factor
         turned[k, n + k], turned[n + k, k] = -harmonic_factor, harmonic_factor
         operators += [same, turned]
-    return operators
+    return np.array(operators)
 
 
 def _start_up_operators() -> list[Floats]:
