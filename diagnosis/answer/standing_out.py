@@ -104,17 +104,17 @@ class _Piece:
 
 
 class _Sums:
-    """Sums over the trials from which cells are judged: everything over the noise at its largest.
+    """What the trials add to some cells, from which they are judged: everything over the noise at its largest.
 
-    Inner products with the columns that `find_cells` puts side by side: what is left of the data, what small background
-    effects leave, and what the nuisances take up. All arrays have the cells first.
+    Of the columns that `find_cells` puts side by side: what is left of the data, what small background effects leave,
+    and what the nuisances take up. All arrays have the cells first, and the whitened probes of all trials second.
     """
 
-    def __init__(self, n_cells: int, n_small: int, n_taken: int) -> None:
+    def __init__(self, n_small: int) -> None:
         self._small, self._taken = slice(1, 1 + n_small), slice(1 + n_small, None)
-        self._products = np.zeros((n_cells, 1 + n_small, 1 + n_small + n_taken))
-        self._on_noise = np.zeros((n_cells, n_small, n_small))
-        self._noise = np.zeros(n_cells)
+        self._seen: list[Floats] = []
+        self._noise: list[Floats] = []
+        self._independent: Floats | float = 0.0
 
     def add(self, piece: _Piece, columns: Floats, n_blocks: int) -> None:
         """Count one trial in; columns are means over so many of its blocks, shape (size, n_columns)."""
@@ -125,22 +125,33 @@ class _Sums:
         whitener = np.linalg.inv(np.linalg.cholesky(own + piece.n_repeats * common))
         seen = whitener @ (probes @ columns)
         noise, scatter = (whitener @ one @ whitener.mT for one in (own + common, scatter))
-        small = seen[:, :, self._small]
-        self._on_noise += small.mT @ noise @ small
         # What nuisances take up of independent noise, they take up of any.
         left = 1.0 - np.sum(seen[:, :, self._taken] ** 2, axis=(1, 2)) / _trace(scatter)
-        self._noise += _trace(noise) * left
-        self._products += seen[:, :, : self._taken.start].mT @ seen
+        self._independent += _trace(noise) * left
+        self._seen.append(seen)
+        self._noise.append(noise)
 
     def misfits(self) -> tuple[Floats, Floats]:
-        """Misfit of each cell and its expectation, shape (n_cells,) (Woodbury: A is never formed)."""
-        on_rest, on_small = self._products[:, self._small, :1], self._products[:, self._small, self._small]
-        on_taken = self._products[:, self._small, self._taken]
-        inner = np.linalg.inv(np.eye(on_small.shape[-1]) + on_small)
-        found = self._products[:, 0, 0] - (on_rest.mT @ inner @ on_rest)[:, 0, 0]
-        noise = self._noise - np.sum(inner * self._on_noise, axis=(1, 2))
-        noise += np.sum((inner @ on_taken) * on_taken, axis=(1, 2))
-        return found, noise + np.sum(inner * on_small, axis=(1, 2))
+        """Misfit of each cell and its expectation, shape (n_cells,): on whitened probes, A is 1 + S S'."""
+        seen = np.concatenate(self._seen, axis=1)
+        data, small, taken = seen[:, :, :1], seen[:, :, self._small], seen[:, :, self._taken]
+        explained = _explained_by(small)
+        found = np.sum(data * (data - explained @ data), axis=(1, 2))
+        expected = self._independent + np.sum(taken * (explained @ taken), axis=(1, 2)) + _trace(explained)
+        start = 0
+        for noise in self._noise:
+            stop = start + noise.shape[-1]
+            expected -= np.sum(noise * explained[:, start:stop, start:stop], axis=(1, 2))
+            start = stop
+        return found, expected
+
+
+def _explained_by(small: Floats) -> Floats:
+    """Share of the probes, S (1 + S'S)^-1 S', that small effects explain, (n_cells, n, n), from S, (n_cells, n, q)."""
+    n, n_small = small.shape[1:]
+    if n < n_small:
+        return np.eye(n) - np.linalg.inv(np.eye(n) + small @ small.mT)
+    return small @ np.linalg.solve(np.eye(n_small) + small.mT @ small, small.mT)
 
 
 def _trace(squares: Floats) -> Floats:
@@ -172,7 +183,7 @@ def find_cells(problem: LinearProblem, small: Floats | None = None) -> tuple[Cel
         by_block = columns[part.place].reshape(part.blocks.shape[0], part.layout.size, -1)
         mean = by_block.mean(axis=0)
         for piece in _pieces(part, max(repeats[part.setting.operating_point], 1)):
-            sums = found.setdefault(piece.key, _Sums(len(piece.probes), small.shape[1], taken.shape[1]))
+            sums = found.setdefault(piece.key, _Sums(small.shape[1]))
             if piece.block is None:
                 sums.add(piece, mean, len(by_block))
             else:
@@ -220,6 +231,8 @@ def _false_discovery_rates(p_values: Sequence[float]) -> Floats:
 
 def _pieces(part: Part, n_repeats: int) -> Iterator[_Piece]:
     n_blocks = part.blocks.shape[0]
+    # Rows that read the features, in the units of their equations, from the whitened ones of a block.
+    features = np.linalg.inv(part.whitener)
 
     def piece(key: _Key, probes: Floats, block: int | None = None) -> _Piece:
         return _Piece(key=key, block=block, probes=probes, common=part.common, n_repeats=n_repeats)
@@ -232,19 +245,18 @@ def _pieces(part: Part, n_repeats: int) -> Iterator[_Piece]:
             names = tuple(
                 f"{1e3 * start_s:.0f} to {1e3 * stop_s:.0f} ms" for start_s, stop_s in pairwise(START_UP_EDGES_S)
             )
-            yield piece(("start_up", equation, names), _unit(_features(part, place))[:, None])
+            yield piece(("start_up", equation, names), _unit(features[place])[:, None])
             continue
         for block in range(n_blocks):
             share = f"{100 * block // n_blocks} to {100 * (block + 1) // n_blocks} %"
             yield piece(("time", equation, (share,)), whole, block)
-        for partition, names, probes in _over_the_stroke(part, place):
+        for partition, names, probes in _over_the_stroke(features[place]):
             yield piece((partition, equation, names), probes)
 
 
-def _over_the_stroke(part: Part, place: slice) -> Iterator[tuple[Partition, tuple[str, ...], Floats]]:
+def _over_the_stroke(features: Floats) -> Iterator[tuple[Partition, tuple[str, ...], Floats]]:
     """Names of cells and probes that read the residual in a sector or in a band of harmonics, over its noise there."""
-    n = (place.stop - place.start - 1) // 2
-    features = _features(part, place)
+    n = (len(features) - 1) // 2
     angle = (np.arange(N_SECTORS) + 0.5) * TWO_PI / N_SECTORS
     turns = np.outer(angle, np.arange(1, n + 1))
     waves = _unit(np.hstack([np.ones((N_SECTORS, 1)), np.cos(turns), np.sin(turns)]) @ features)
@@ -258,11 +270,6 @@ def _over_the_stroke(part: Part, place: slice) -> Iterator[tuple[Partition, tupl
         orders = np.arange(low, min(high, n + 1))
         rows = orders if low == 0 else np.concatenate([orders, n + orders])
         yield "harmonic", (str(low) if high - low == 1 else f"{low} to {high - 1}",), amplitudes[None, rows]
-
-
-def _features(part: Part, place: slice) -> Floats:
-    """Rows that read the features of an equation, in its units, from the whitened ones of a block."""
-    return np.asarray(np.linalg.inv(part.whitener)[place], dtype=np.float64)
 
 
 def _unit(rows: Floats) -> Floats:
