@@ -13,6 +13,7 @@ uncertain is handed on, to be counted as an error of the model.
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -98,9 +99,16 @@ def wave_seen(crank: Mechanism, at_rad: Floats, off_m: Floats, n_harmonics: int 
     ndarray, shape (n_points,)
         rad, of the first harmonics and without a mean.
     """
-    found = np.linalg.lstsq(_columns(crank, at_rad, n_harmonics), off_m, rcond=None)[0][3:]
-    turns = np.outer(np.arange(1, n_harmonics + 1), at_rad)
-    return np.asarray(found @ np.concatenate([np.cos(turns), np.sin(turns)]), dtype=np.float64)
+    return _seen_by_regression(crank, float(at_rad[0]), len(at_rad), n_harmonics) @ off_m
+
+
+@lru_cache(maxsize=8)
+def _seen_by_regression(crank: Mechanism, first_rad: float, n_points: int, n_harmonics: int) -> Floats:
+    """What `wave_seen` makes of a unit at each of the even angles: a column each, rad/m, shape (n_points, n_points)."""
+    at_rad = first_rad + np.arange(n_points) * TWO_PI / n_points
+    fitted = np.linalg.pinv(_columns(crank, at_rad, n_harmonics))[3:]
+    turns = np.outer(at_rad, np.arange(1, n_harmonics + 1))
+    return np.asarray(np.hstack([np.cos(turns), np.sin(turns)]) @ fitted, dtype=np.float64)
 
 
 def _regress(crank: Mechanism, turned_rad: Floats, left_m: Floats) -> tuple[Floats, Floats]:
