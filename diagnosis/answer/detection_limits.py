@@ -101,7 +101,8 @@ def detection_limits(
 
 def _of_forms(marginal: Marginal, forms: Sequence[Column], least: float, *, gap: float) -> DetectionLimit:
     # All columns of a form share its size: the mean over phases of what one unit explains.
-    odds = np.array([0.5 * float(np.trace(marginal.gram(c.columns)[0])) / c.columns.shape[1] for c in forms])
+    grams = marginal.grams([column.columns for column in forms]) if forms else []
+    odds = np.array([0.5 * float(np.trace(gram)) / len(gram) for gram, _ in grams])
     middle = float(np.median(odds)) if forms else 0.0
     if middle <= 0.0:
         return DetectionLimit(log_odds=0.0)
