@@ -41,7 +41,7 @@ def beside_mean_stroke(
     n_cells = min(_CELLS, int(n_inside / n_strokes / _SAMPLES_A_CELL))
     if n_cells < _FEWEST_CELLS:
         return None
-    level = values - np.polynomial.Polynomial.fit(turned_rad[inside], values[inside], 1)(turned_rad)
+    level = values - _trend(turned_rad[inside], values[inside], turned_rad)
     for n_means in (max(min(_MEAN_CELLS, n_inside // _SAMPLES_A_MEAN), n_cells), n_cells):
         of_all = AngleGrid(first_turn=first_turn, n_rows=1, n_bins=n_means, turns_per_row=n_strokes)
         stroke = of_all.means(of_all.place(turned_rad), level)[0]
@@ -53,6 +53,13 @@ def beside_mean_stroke(
     grid = AngleGrid(first_turn=first_turn, n_rows=n_strokes, n_bins=n_cells)
     cells = grid.means(grid.place(turned_rad), left)
     return None if np.mean(np.isnan(cells)) > _MOST_EMPTY else (left, cells)
+
+
+def _trend(turned_rad: Floats, values: Floats, at_rad: Floats) -> Floats:
+    """Value at some angles of the straight line that fits best."""
+    middle_rad, mean = turned_rad.mean(), values.mean()
+    off_rad = turned_rad - middle_rad
+    return mean + float(off_rad @ (values - mean)) / float(off_rad @ off_rad) * (at_rad - middle_rad)
 
 
 def _periodic(stroke: Floats, turned_rad: Floats) -> Floats:
