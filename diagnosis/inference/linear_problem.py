@@ -13,6 +13,7 @@ from functools import cached_property
 
 import numpy as np
 from sawbench.bench.recording import Floats
+from sawbench.bench.second_core import on_two_cores
 from sawbench.diagnosis.campaign import Campaign
 from sawbench.diagnosis.inference.features import Layout, block_matrix, layout_of, times_over_angles
 from sawbench.diagnosis.inference.noise import contrast_misfit, noise_of, scatter_of
@@ -285,19 +286,16 @@ def _with_readings(problem: LinearProblem) -> LinearProblem:
 
 def _with_nuisances(problem: LinearProblem, roundings: Sequence[Nuisance]) -> LinearProblem:
     campaign, plant = problem.campaign, problem.campaign.plant
-    columns, names, stds = [], [], []
 
-    def add(nuisance: Nuisance, *, least: float = 0.0) -> None:
-        column = nuisance.std * problem.project(lambda s: nuisance.signature(plant.model, s))
-        if float(column @ column) > least:
-            columns.append(column)
-            names.append(nuisance.name)
-            stds.append(nuisance.std)
+    def column_of(nuisance: Nuisance) -> Floats:
+        return nuisance.std * problem.project(lambda s: nuisance.signature(plant.model, s))
 
-    for nuisance in (*plant.nuisances(), *plant.trial_nuisances(campaign.states)):
-        add(nuisance)
-    for rounding in roundings:
-        add(rounding, least=1.0)  # what noise hides needs no number
+    listed = [(nuisance, 0.0) for nuisance in (*plant.nuisances(), *plant.trial_nuisances(campaign.states))]
+    listed += [(rounding, 1.0) for rounding in roundings]  # what noise hides needs no number
+    found = zip(listed, on_two_cores(column_of, [nuisance for nuisance, _ in listed]), strict=True)
+    shown = [(nuisance, column) for (nuisance, least), column in found if float(column @ column) > least]
+    columns = [column for _, column in shown]
+    names, stds = [nuisance.name for nuisance, _ in shown], [nuisance.std for nuisance, _ in shown]
     share = problem.settings.forms.screen_share
     for known in plant.known:
         missed = missed_by_form(problem, known)
