@@ -31,6 +31,10 @@ if TYPE_CHECKING:
     from sawbench.archive.journal import Piece
 
 RESULTS: Final = ("gap_report.json", "gap_report.html", "improved_model.toml", "plan.csv")
+_NEEDED: Final = (
+    "sawbench.diagnosis.answer.gap_report", "sawbench.processing.process", "sawbench.reporting.gap_page",
+    "matplotlib.figure", "scipy.fft", "scipy.interpolate", "scipy.ndimage",
+)  # fmt: skip
 # Share of the progress bar, of 100, at which everything is read and at which the page is drawn.
 _OPENED, _DRAWING = 10, 95
 
@@ -65,8 +69,6 @@ def command(
 
     The exit code is 1 where there is no answer, because recordings and configuration do not describe the same machine.
     """
-    from sawbench.reporting.cause_words import improved_command
-
     request = DiagnosisRequest(
         paths=paths, out_dir=out_dir, config_path=config_path, until_closed=until_closed, n_planned=n_planned or 0
     )
@@ -78,6 +80,8 @@ def command(
         refuse_unwritable(out_dir / name, force=force, makes_folder=True)
     with second_core(), stepper("diagnosing:") as step:
         report = diagnosed(request, step)
+    from sawbench.reporting.cause_words import improved_command
+
     improved_path, plan_path = out_dir / "improved_model.toml", out_dir / "plan.csv"
     lines = [_as_text(report), "", *(str(out_dir / name) for name in RESULTS[:2])]
     if report.get("improved_model"):
@@ -130,7 +134,7 @@ def diagnosed(
     on_step(0, 100, "reading")
     recordings = find_recordings(request.paths)
     readings = [partial(open_trial, path, request.config_path) for path in recordings]
-    _, *trials = on_two_cores(operator.call, [_import_diagnosis, *readings])
+    _, *trials = on_two_cores(operator.call, [_import, *readings])
     report = diagnose_trials(
         trials,
         until_closed=request.until_closed,
@@ -143,9 +147,10 @@ def diagnosed(
     return report
 
 
-def _import_diagnosis() -> None:
-    """Load what a diagnosis needs, while the other core begins to read."""
-    importlib.import_module("sawbench.diagnosis.answer.gap_report")
+def _import() -> None:
+    """Load what a diagnosis and its page need, while the other core begins to read: once, and not in either process."""
+    for module in _NEEDED:
+        importlib.import_module(module)
 
 
 def _diagnose_each(request: DiagnosisRequest, batch: Batch, *, force: bool, as_json: bool) -> int:
