@@ -77,8 +77,14 @@ def _those_that_hold(
 ) -> Posterior:
     while True:
         failing = _failing(problem, columns, posterior, predictions) if posterior.best.effects else None
-        if failing is not None:
-            posterior = _without(problem, posterior, failing)
+        if (
+            failing is not None
+            and posterior.best.effects == (failing.effect.name,)
+            and is_background(failing, surely=True, forms=problem.settings.forms)
+        ):
+            posterior = _as_no_gap(posterior)
+        elif failing is not None:
+            posterior = _without(problem, posterior, failing.effect.name)
         elif _rests_on_a_law_that_fails(problem, posterior, predictions):
             posterior = _without_law(problem, posterior)
         else:
@@ -152,15 +158,15 @@ def is_there(member: Explanation, said: StrokesSay | None = None) -> bool:
 
 
 def is_background(member: Explanation, *, surely: bool = False, forms: Forms = SETTINGS.forms) -> bool:
-    """Whether the magnitude is one that every machine may have: far below the typical one, or all of its interval."""
-    size, std = member.in_typical_sizes
-    return abs(size) + Z95 * std < forms.least_amplitude if surely else abs(size) < forms.background_amplitude
+    """Whether the magnitude is one that machines may have: far below the typical one, or what every machine has."""
+    size, _ = member.in_typical_sizes
+    return abs(size) < (forms.least_amplitude if surely else forms.background_amplitude)
 
 
 def _failing(
     problem: LinearProblem, columns: Mapping[str, Sequence[Column]], posterior: Posterior, predictions: Predictions
-) -> str | None:
-    """Effect of the likeliest hypothesis that must not be declared; None where all may.
+) -> Explanation | None:
+    """Effect of the likeliest hypothesis that must not be declared, with its magnitude; None where all may.
 
     Of several, one that is too small for a cause goes first, then the one that adds least: what is there a little on
     every machine must not take the place of a cause.
@@ -173,7 +179,7 @@ def _failing(
         _predicts(problem, predictions, cause) for cause in (_found(posterior, in_means), best)
     )
     is_alone = len(best.effects) == 1
-    failing: dict[str, tuple[bool, float]] = {}
+    failing: list[tuple[bool, float, Explanation]] = []
     for member in sized_members(problem, columns, posterior, best):
         name = member.effect.name
         added, left = _added(problem, posterior, predictions, member)
@@ -185,8 +191,8 @@ def _failing(
         is_enough = is_cause(problem, posterior, predictions, member, by_strokes=name in carried)
         said = posterior.strokes.get(name) if name in carried else None
         if not (predicts and is_enough and is_there(member, said)):
-            failing[name] = (is_enough, float(added.sum()))
-    return min(failing, key=lambda name: failing[name], default=None)
+            failing.append((is_enough, float(added.sum()), member))
+    return min(failing, key=lambda each: each[:2])[2] if failing else None
 
 
 def _with_background(
@@ -211,7 +217,7 @@ def is_cause(
 ) -> bool:
     """Whether an effect is more than what every machine has, or alone most of a gap.
 
-    A machine has a little of many effects: what is surely no more than that is no cause, and beside a cause, what is
+    A machine has a little of many effects: what is no more than every one has is no cause, and beside a cause, what is
     small is one of those. A wave of any form explains all that is fixed in angle, and a trend of single strokes alone
     all that drifts: where that is larger than the effect ever is, it is something else. Of an effect whose number
     belongs to its form and may be any (a frequency), how much of the form is there says no more.
@@ -390,6 +396,13 @@ def _without_law(problem: LinearProblem, posterior: Posterior) -> Posterior:
 
 def _found(posterior: Posterior, effects: tuple[str, ...]) -> Hypothesis:
     return next(h for h in posterior.claims if h.effects == effects)
+
+
+def _as_no_gap(posterior: Posterior) -> Posterior:
+    """Hand the probability of the likeliest hypothesis to "no gap": a machine that has a little of its effect."""
+    best = posterior.best
+    moved = {h.name: h.probability for h in posterior.hypotheses} | {best.name: 0.0}
+    return _with_probabilities(posterior, moved | {"no_gap": moved["no_gap"] + best.probability})
 
 
 def _without(problem: LinearProblem, posterior: Posterior, name: str) -> Posterior:

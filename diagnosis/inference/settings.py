@@ -99,7 +99,7 @@ class Forms:
     worth_forming : float
         Log evidence of a second effect below which its form does not matter.
     least_amplitude, background_amplitude : float
-        Of the typical size: less is surely background, and usually.
+        Of the typical size: less is no cause, and usually background.
     bent_displacement_rad : float
         Typical swing of a displacement sensor that is bent.
     most_std : float

@@ -20,6 +20,7 @@ from sawbench.diagnosis.inference.features import (
     orders,
     times_over_angles,
 )
+from sawbench.diagnosis.inference.force_filter import force_filter_nuisances
 from sawbench.diagnosis.inference.nuisance import Nuisance, Reading
 from sawbench.diagnosis.inference.nuisances import READINGS, force_offset, further_batteries, nuisances_of, of_known
 from sawbench.diagnosis.inference.plunger_drive import plunger_drive_nuisances
@@ -224,6 +225,7 @@ class Jigsaw:
             *nuisances_of(baseline),
             *vibration_nuisances(baseline),
             *common_filter_nuisances(),
+            *force_filter_nuisances(),
             *plunger_drive_nuisances(),
             *map(of_known, self.known),
         )

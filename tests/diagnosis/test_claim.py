@@ -525,6 +525,16 @@ def test_a_little_of_an_effect_is_a_cause_where_it_alone_is_the_gap(problem, col
     assert not held(0.0)
 
 
+def test_a_cause_below_the_least_magnitude_of_one_is_no_gap(problem, columns):
+    """As seen: a diode drop of 0.09 V on an intact bench, 12 % of the typical one and known to a factor of two."""
+    data = with_columns(problem, columns, RUBBING, 1.0)
+    declared = certain_of(judge(data, columns), RUBBING)
+    small = replace(declared.best, members=(replace(declared.best.members[0], mixture=(0.12, 0.06)),))
+    alone = replace(declared, hypotheses=(small, *declared.hypotheses[1:]))
+    held = held_to_predictions(data, columns, alone, OfFeatures(data, columns, alone))
+    assert held.best.name == "no_gap"
+
+
 @pytest.mark.parametrize(("size", "is_claimed"), [(0.2, False), (0.6, True)])
 def test_a_little_of_a_trend_beside_a_cause_is_what_every_machine_has(problem, columns, size, is_claimed):
     """As seen: a growth of a fifth of the typical one beside weakened magnets was a worn blade, with 54 %."""

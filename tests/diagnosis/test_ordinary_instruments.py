@@ -14,6 +14,7 @@ from sawbench.diagnosis.answer.until_closed import held
 from sawbench.diagnosis.inference.bandwidth import bandwidth_nuisances, is_battery_ahead
 from sawbench.diagnosis.inference.common_filter import common_filter_nuisances
 from sawbench.diagnosis.inference.effect_columns import effect_columns
+from sawbench.diagnosis.inference.force_filter import force_filter_nuisances
 from sawbench.diagnosis.inference.marginal import Marginal
 from sawbench.diagnosis.inference.plunger_drive import plunger_drive_nuisances
 from sawbench.diagnosis.inference.posterior import judge
@@ -207,6 +208,37 @@ def test_a_recorder_that_filters_all_of_its_channels_is_no_gap(corner_hz, order)
     """As seen: on benches of a simulator whose recorders filter at 400 Hz it was a resonance or a lag."""
     problem = problem_of([behind_a_common_filter(state, corner_hz, order) for state in strokes()])
     assert judge(problem, effect_columns(problem)).verdict == "no_gap"
+
+
+def behind_a_force_filter(state, gain):
+    """The state with a filter of the force alone, whose delay the logger takes out."""
+    return replace(state, force_n=filtered(state.force_n, state, gain))
+
+
+def bessel(f):
+    """Third order, 200 Hz, with the delay of slow signals taken out."""
+    s = 1j * f / 200.0 * 1.7557  # half of the power is left at the corner
+    return 15.0 / (s**3 + 6 * s**2 + 15 * s + 15) * np.exp(s)
+
+
+def mean_between_samples(f):
+    """Means over 2 ms at the middle of their time, with lines between them."""
+    return np.sinc(2e-3 * f) ** 3
+
+
+@pytest.mark.parametrize("gain", [bessel, mean_between_samples])
+def test_a_filter_of_the_force_whose_delay_is_taken_out_is_no_gap(gain):
+    """As seen: it was a lag of the force measurement, alone and beside a friction."""
+    problem = problem_of([behind_a_force_filter(state, gain) for state in strokes()])
+    assert judge(problem, effect_columns(problem)).verdict == "no_gap"
+
+
+def test_a_mean_of_the_force_leaves_what_its_nuisance_says():
+    intact = gap(INTACT)
+    seen = gap(behind_a_force_filter(INTACT, lambda f: np.sinc(4e-3 * f)))
+    (nuisance,) = (n for n in force_filter_nuisances() if n.name == "mean of force_n over 4 ms")
+    claimed = nuisance.signature(BASELINE, INTACT)
+    compare({name: seen[name] - intact[name] for name in claimed}, claimed, 0.1)
 
 
 @pytest.mark.parametrize(

@@ -1,0 +1,55 @@
+"""What a load cell's filter takes off the ripple of the force where its delay is known: that is no gap.
+
+An amplifier has a filter, and a converter of some hundred samples a second sends the mean of the time between two.
+Loggers take such a delay out and stamp a mean at the middle of its time: nothing is late then, but the force is rounded
+where it changes fast. The motor feels the force as it is, so that the mechanical equation misses the difference too. A
+force that is late is an effect (`force_sensor_lag`), and so is a late clock.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from functools import partial
+from itertools import product
+from typing import Final
+
+import numpy as np
+from sawbench.diagnosis.inference.common_filter import butterworth_in_time
+from sawbench.diagnosis.inference.nuisance import Nuisance
+from sawbench.modeling.effects.effect import TransferFunction
+from sawbench.modeling.effects.transfer import Spectrum, average, force_reading
+from sawbench.modeling.residuals import Baseline, Signature
+from sawbench.modeling.state import State
+
+# Corners of filters of amplifiers, and their orders; times over which a converter averages.
+_CORNERS_HZ: Final = (200.0, 400.0, 800.0)
+_ORDERS: Final = (2, 4)
+_MEAN_S: Final = (1e-3, 2e-3, 4e-3)
+# One of each, or between two.
+_FILTER_STD: Final = 1.0 / np.sqrt(len(_CORNERS_HZ) * len(_ORDERS))
+_MEAN_STD: Final = 1.0 / np.sqrt(len(_MEAN_S))
+
+
+def force_filter_nuisances() -> Iterator[Nuisance]:
+    """List what filters and means whose delay is taken out may take off the force.
+
+    Yields
+    ------
+    Nuisance
+        Of each corner and order, and of each time.
+    """
+    for corner_hz, order in product(_CORNERS_HZ, _ORDERS):
+        name = f"low-pass of force_n, {corner_hz:g} Hz, order {order}"
+        yield _nuisance(name, _FILTER_STD, butterworth_in_time(corner_hz, order))
+    for period_s in _MEAN_S:
+        yield _nuisance(f"mean of force_n over {1e3 * period_s:g} ms", _MEAN_STD, average(period_s))
+
+
+def _nuisance(name: str, std: float, transfer: TransferFunction) -> Nuisance:
+    return Nuisance(name=name, nominal=0.0, std=std, is_plant=False, signature=partial(_rounded, transfer=transfer))
+
+
+def _rounded(baseline: Baseline, state: State, *, transfer: TransferFunction) -> Signature:
+    if state.force_n is None:
+        return {}
+    return force_reading(baseline, state, Spectrum(baseline.expected_force(state), state).through(transfer))
