@@ -77,14 +77,8 @@ def _those_that_hold(
 ) -> Posterior:
     while True:
         failing = _failing(problem, columns, posterior, predictions) if posterior.best.effects else None
-        if (
-            failing is not None
-            and posterior.best.effects == (failing.effect.name,)
-            and is_background(failing, surely=True, forms=problem.settings.forms)
-        ):
-            posterior = _as_no_gap(posterior)
-        elif failing is not None:
-            posterior = _without(problem, posterior, failing.effect.name)
+        if failing is not None:
+            posterior = _without(problem, posterior, failing)
         elif _rests_on_a_law_that_fails(problem, posterior, predictions):
             posterior = _without_law(problem, posterior)
         else:
@@ -197,7 +191,7 @@ def _failing(
 
 def _with_background(
     problem: LinearProblem, columns: Mapping[str, Sequence[Column]], posterior: Posterior, predictions: Predictions
-) -> tuple[Posterior, str] | None:
+) -> tuple[Posterior, Explanation] | None:
     """A claim of the likeliest cause and of another effect that is only background, as if likeliest; that effect."""
     best, least = posterior.best, problem.settings.report.shown_probability
     for claim in posterior.claims if best.effects else ():
@@ -208,7 +202,7 @@ def _with_background(
         member = next(m for m in sized_members(problem, columns, tried, claim) if m.effect.name == further)
         by_strokes = further in carried_by_strokes(problem, tried, claim)
         if not is_cause(problem, tried, predictions, member, by_strokes=by_strokes):
-            return tried, further
+            return tried, member
     return None
 
 
@@ -398,26 +392,22 @@ def _found(posterior: Posterior, effects: tuple[str, ...]) -> Hypothesis:
     return next(h for h in posterior.claims if h.effects == effects)
 
 
-def _as_no_gap(posterior: Posterior) -> Posterior:
-    """Hand the probability of the likeliest hypothesis to "no gap": a machine that has a little of its effect."""
-    best = posterior.best
-    moved = {h.name: h.probability for h in posterior.hypotheses} | {best.name: 0.0}
-    return _with_probabilities(posterior, moved | {"no_gap": moved["no_gap"] + best.probability})
-
-
-def _without(problem: LinearProblem, posterior: Posterior, name: str) -> Posterior:
+def _without(problem: LinearProblem, posterior: Posterior, member: Explanation) -> Posterior:
     """Take one effect out of the likeliest hypothesis, and hand its probability to the rest, alone or with another.
 
     A single effect that fails may still be there beside another one, as far as that is believed; what remains goes to
-    the answers that name no effect. What predicts nothing has no evidence: beside "no gap" it keeps its prior odds.
+    the answers that name no effect. What predicts nothing has no evidence: beside "no gap" it keeps its prior odds. Of
+    a single one that every machine has as much of, all goes to "no gap": that is a machine which has a little of it.
     """
     best, weights = posterior.best, problem.settings.weights
     n_effects = len(problem.campaign.plant.effects)
-    rest = best.without(name)
+    rest = best.without(member.effect.name)
     if rest:
         instead = [h for h in posterior.claims if h is not best and h.probability > 0.0 and _extends(h, rest, best)]
         weighed = among(_found(posterior, rest), instead, n_effects=n_effects, weights=weights)
         to = {h.name: h.probability for h in weighed}
+    elif is_background(member, surely=True, forms=problem.settings.forms):
+        to = {"no_gap": 1.0}
     else:
         others = [h for h in posterior.hypotheses if h.other is not None]
         weighed = weigh(others, n_effects=1, quiet=problem.quiet, weights=weights)

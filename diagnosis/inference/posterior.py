@@ -123,8 +123,8 @@ def judge(
     campaign, settings = problem.campaign, problem.settings
     plant, effects = campaign.plant, campaign.plant.effects
 
-    def bench_with_background() -> tuple[_Bench, Mapping[str, Floats]]:
-        return _bench_of(problem, columns, little_of_each(problem, columns))
+    def bench_with_background() -> tuple[_Bench]:
+        return (_bench_of(problem, columns),)
 
     def beside_mean_strokes() -> tuple[Any, ...]:
         asynchronous = [*off_stroke_findings(campaign.off_stroke), *unsteady_balances(problem)]
@@ -133,7 +133,7 @@ def judge(
 
     # This process takes the first one, whose result is large.
     parts: list[Callable[[], tuple[Any, ...]]] = [bench_with_background, beside_mean_strokes]
-    (bench, little), (said, of_strokes, beside) = on_two_cores(operator.call, parts, known=effects)
+    (bench,), (said, of_strokes, beside) = on_two_cores(operator.call, parts, known=effects)
     singles, pairs = _singles_and_pairs(bench)
     listed = {h.name: h.log_evidence for h in singles}
     beyond = beyond_catalogue(bench.forming, bench.nominal, bench.beyond, listed)
@@ -161,29 +161,30 @@ def judge(
         finding=beside,
         unlisted=nobodys,
         dispersion=bench.dispersion,
-        little=little,
+        little=bench.little,
         freed=retuning.freed,
     )
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
 class _Bench:
-    """A problem whose noise is scaled to the residual of the best effects, and what is weighed on it."""
+    """A problem whose noise is scaled to the residual of the best effects, and what is weighed on it.
+
+    `little` is of the background effects, as measured: by name, shape (n, q).
+    """
 
     problem: LinearProblem
     dispersion: Floats
     catalogue: Catalogue
     beyond: dict[str, list[Column]]
+    little: Mapping[str, Floats]
     nominal: Marginal
     forming: Forming
 
 
-def _bench_of(
-    problem: LinearProblem, columns: dict[str, list[Column]], little: Mapping[str, Floats]
-) -> tuple[_Bench, Mapping[str, Floats]]:
-    """Build it, and the background effects with the forms of them that show."""
-    plant, as_measured = problem.campaign.plant, columns
-    beyond = catalogue_columns(problem, plant.beyond_catalogue)
+def _bench_of(problem: LinearProblem, as_measured: dict[str, list[Column]]) -> _Bench:
+    little, columns = little_of_each(problem, as_measured), as_measured
+    beyond = catalogue_columns(problem, problem.campaign.plant.beyond_catalogue)
     catalogue = Catalogue(columns, problem.data)
     dispersion = noise_factor(problem, catalogue, Catalogue(beyond, problem.data))
     if dispersion.max() > 1.0:
@@ -194,10 +195,10 @@ def _bench_of(
     small = background_with_noise(little, dispersion)
     nominal = Marginal(problem, extra=small)
     forming = Forming(problem, small, nominal, dispersion)
-    bench = _Bench(
-        problem=problem, dispersion=dispersion, catalogue=catalogue, beyond=beyond, nominal=nominal, forming=forming
-    )
-    return bench, little
+    return _Bench(
+        problem=problem, dispersion=dispersion, catalogue=catalogue, beyond=beyond, little=little, nominal=nominal,
+        forming=forming,
+    )  # fmt: skip
 
 
 def _beside(
