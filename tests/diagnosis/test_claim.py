@@ -321,7 +321,7 @@ def test_the_cause_has_the_probability_of_itself_beside_background(problem, colu
     tried = claim._with_background(data, columns, posterior, OfFeatures(data, columns, posterior))
     assert (tried is not None) == is_little
     if tried is not None:
-        assert tried[1] == FRICTION
+        assert tried[1].effect.name == FRICTION
         left = claim._without(data, *tried)
         assert left.of(both).probability == 0.0
         assert left.of(RUBBING).probability == pytest.approx(0.95, abs=0.02)
