@@ -207,7 +207,7 @@ def test_an_effect_that_fails_alone_may_hold_beside_another_one_as_far_as_that_i
     believed["unknown"] = 1.0 - sum(believed.values())
     moved = [replace(h, probability=believed.get(h.name, 0.0)) for h in judged.hypotheses]
     posterior = replace(judged, hypotheses=tuple(sorted(moved, key=lambda h: -h.probability)))
-    left = claim._without(problem, posterior, alone.effects[0])
+    left = claim._without(problem, posterior, replace(alone.members[0], mixture=(1.0, 0.1)))
     n_effects = len(problem.campaign.plant.effects)
     assert left.of(alone.name).probability == pytest.approx(1.25 / n_effects * left.of("no_gap").probability)
     assert left.of(pair.name).probability == pytest.approx(of_pair + 0.5 * of_pair / (0.5 + of_pair))
