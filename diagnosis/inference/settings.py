@@ -231,8 +231,8 @@ class Sensors:
         }, "measured", INTACT,
     )  # fmt: skip
     mean_voltage_share: Mapping[str, float] = marked(
-        {"electrical": 3e-4, "supply": 1e-3}, "convention",
-        "0.05 % of a motor's 10 V; cells that rest for minutes come back to 4 mV of 4 V",
+        {"electrical": 1e-3, "supply": 1e-3}, "convention",
+        "a duty in steps of 1/256, off by half of one at most; cells that rest for minutes come back to 4 mV of 4 V",
     )  # fmt: skip
     linearity_share: float = marked(1e-3, "convention", "linearity of load cells and current sensors: a thousandth")
     linearity_harmonic: float = marked(4.0, "convention", "a bend of the characteristic is smooth over the stroke")

@@ -210,6 +210,18 @@ def test_a_recorder_that_filters_all_of_its_channels_is_no_gap(corner_hz, order)
     assert judge(problem, effect_columns(problem)).verdict == "no_gap"
 
 
+def test_a_duty_that_is_off_by_less_than_a_step_of_eight_bits_is_no_gap():
+    """As seen: saws whose trigger sets the duty were "unknown", where the balance of the motor's voltage is quiet."""
+
+    def commanded(state, off):
+        voltage_v = state.motor_voltage_v + off * state.battery_voltage_v
+        return replace(state, motor_voltage_v=voltage_v, setting=replace(state.setting, duty=state.setting.duty + off))
+
+    off_by = 2.6e-3 * np.array([-1.0, 1.0, 1.0, -1.0, 1.0])
+    problem = problem_of([commanded(state, off) for state, off in zip(strokes(), off_by, strict=True)])
+    assert judge(problem, effect_columns(problem)).verdict == "no_gap"
+
+
 def behind_a_force_filter(state, gain):
     """The state with a filter of the force alone, whose delay the logger takes out."""
     return replace(state, force_n=filtered(state.force_n, state, gain))
