@@ -182,7 +182,8 @@ class Sensors:
         for the mechanical equation, with its square (the smoothing of the tracked speed costs the more of the
         acceleration). On a saw that carries the load of `load.OAK`; in proportion to it where that is more.
     mean_voltage_share : mapping of str to float
-        By equation: of the battery's voltage, standard deviation of the mean at whatever current.
+        By equation: of the battery's voltage, standard deviation of the mean at whatever current. That of the motor is
+        the standard uncertainty of the duty.
     linearity_share, linearity_harmonic : float
         Share of the range in use to which a sensor is linear, and the harmonic at which that halves: it is smooth.
     drift_times_s : tuple of float

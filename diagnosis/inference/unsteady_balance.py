@@ -3,8 +3,8 @@
 However hard the wood is, the voltages of the motor and the battery and the currents of the converter balance in every
 stroke: the equations take what was measured. A number of the machine that is off, and any effect of the catalogue,
 leaves something that goes with the currents in that balance or changes slowly; a sensor leaves its noise, its steps,
-and a zero that may wander by as much as it is stated to be uncertain. What varies beyond is the machine's: a contact
-that is loose, a duty that is not the one stated.
+and a zero that may wander by as much as it is stated to be uncertain. A duty is known to the steps of its modulator.
+What varies beyond is the machine's: a contact that is loose, a duty that is not the one stated.
 
 The torques balance in every stroke too, but all that the machine does to them goes with the current. In air there is no
 load to vary: what is left there is a friction that does not stay what it is.
@@ -160,8 +160,16 @@ def _trial(problem: LinearProblem, part: Part, balance: _Balance, wave: Floats, 
     rows = _without(rows, np.vander(np.linspace(-1.0, 1.0, len(rows)), _TREND))
     return _Trial(
         rest=rows[:, 0], beside=rows[:, 1:], is_idle=state.setting.is_idle,
-        allowed=_by_sensors(problem, state, balance.equation) + float(rounding),
+        allowed=_by_sensors(problem, state, balance.equation) + _by_duty(problem, state, balance.equation)
+        + float(rounding),
     )  # fmt: skip
+
+
+def _by_duty(problem: LinearProblem, state: State, equation: Equation) -> float:
+    """Variance of a few strokes' balance by a duty that is off by its standard uncertainty."""
+    times_duty = {"electrical": state.battery_voltage_v, "converter": state.current_a}.get(equation)
+    off_by = problem.settings.sensors.mean_voltage_share["electrical"]
+    return 0.0 if times_duty is None else (off_by * float(times_duty.mean())) ** 2
 
 
 def _by_sensors(problem: LinearProblem, state: State, equation: Equation) -> float:
