@@ -42,10 +42,11 @@ def test_a_duty_that_wanders_is_found_where_it_acts():
     assert "in 5 of 5 trials" in finding.text
 
 
-def test_a_duty_that_wanders_within_a_step_of_eight_bits_is_none():
+@pytest.mark.parametrize("seed", [21, 22, 23])
+def test_a_duty_that_wanders_within_little_more_than_a_step_of_eight_bits_is_none(seed):
     """As seen: 9 mV of 28 V within the trials of a saw whose trigger sets the duty hid a winding that got hot."""
     step_v = 18.0 / 256
-    assert found_with(lambda s, rng: step_v * rng.uniform(-0.5, 0.5, N_UNITS)) == []
+    assert found_with(lambda s, rng: step_v * rng.uniform(-0.6, 0.6, N_UNITS), seed) == []
 
 
 def test_a_duty_that_wanders_is_found_though_the_battery_s_current_follows_it():
