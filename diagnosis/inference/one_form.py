@@ -1,10 +1,10 @@
 """A little of an effect that is at one place of a wide range is a little of one form: of the one that shows.
 
-A carriage has one light mode at an unknown frequency, not one at each. The mean covariance of a little of any
-form (`columns.little_of_each`) spreads it over as many axes as the forms have, and a single form of ordinary size is
-then as unlikely as an amount far beyond it. Of the form that shows, what that covariance lacks is added, so that one
-standard deviation of it costs no more than half a nat. The form is chosen from the data; as it is a nuisance of every
-hypothesis alike, the choice favours none.
+A carriage has one light mode at an unknown frequency, not one at each. The mean covariance of a little of any form
+(`columns.little_of_each`) spreads it over as many axes as the forms have, and a single form of ordinary size is then as
+unlikely as an amount far beyond it. Of the form that shows, unless it is as large as a cause, what that covariance
+lacks is added, so that one standard deviation of it costs no more than half a nat. The form is chosen from the data; as
+it is a nuisance of every hypothesis alike, the choice favours none.
 """
 
 from __future__ import annotations
@@ -15,7 +15,11 @@ import numpy as np
 from sawbench.bench.recording import Floats
 from sawbench.diagnosis.inference.columns import Column, forms_beside
 from sawbench.diagnosis.inference.marginal import Marginal
+from sawbench.diagnosis.inference.settings import SETTINGS
 from sawbench.modeling.effects.effect import BACKGROUND_SHARE
+
+# Standard deviations from which an amplitude is that of a cause.
+_MOST = SETTINGS.forms.least_amplitude / BACKGROUND_SHARE
 
 
 def with_the_form_that_shows(
@@ -47,19 +51,20 @@ def with_the_form_that_shows(
             continue
         forms = [BACKGROUND_SHARE * column.columns for column in forms_beside(entries)]
         scaled = [form / variance[:, None] for form in forms]
-        chosen = {int(np.argmax(_gains(marginal, scaled))) for marginal in beside}
+        chosen = {at for at in (_that_shows(marginal, scaled) for marginal in beside) if at is not None}
         found[name] = np.hstack([little[name], *(_lacking(forms[at], little[name]) for at in sorted(chosen))])
     return found
 
 
-def _gains(marginal: Marginal, forms: Sequence[Floats]) -> list[float]:
-    """Log evidence that each form adds, its amplitudes of unit standard deviation."""
-    found = []
+def _that_shows(marginal: Marginal, forms: Sequence[Floats]) -> int | None:
+    """Which form has the most evidence, of amplitudes of unit standard deviation; None where it is no little."""
+    gains, amplitudes = [], []
     for gram, moment in marginal.grams(forms):
-        root = np.linalg.cholesky(np.eye(len(gram)) + gram)
-        half = np.linalg.solve(root, moment)
-        found.append(0.5 * float(half @ half) - float(np.log(np.diag(root)).sum()))
-    return found
+        covariance = np.linalg.inv(np.eye(len(gram)) + gram)
+        gains.append(0.5 * float(moment @ covariance @ moment + np.linalg.slogdet(covariance)[1]))
+        amplitudes.append(float(np.abs(covariance @ moment).max()))
+    best = int(np.argmax(gains))
+    return best if amplitudes[best] < _MOST else None
 
 
 def _lacking(form: Floats, little: Floats) -> Floats:

@@ -225,7 +225,6 @@ class Jigsaw:
             *nuisances_of(baseline),
             *vibration_nuisances(baseline),
             *common_filter_nuisances(),
-            *force_filter_nuisances(),
             *plunger_drive_nuisances(),
             *map(of_known, self.known),
         )
@@ -243,7 +242,8 @@ class Jigsaw:
         std = _spread_std(self.baseline, felt)
         pieces = (*(_stock(name) for name in stocks), *(_spread(name, std) for name in labels))
         settings = [s.setting for s in states]
-        instruments = (*clock_nuisances(settings), *bandwidth_nuisances(states))
+        of_force = force_filter_nuisances(self.baseline, states)
+        instruments = (*clock_nuisances(settings), *bandwidth_nuisances(states), *of_force)
         return (*pieces, *further_batteries(self.baseline, settings), *instruments)
 
     def zero_wander(self, states: Sequence[State]) -> ZeroWander | None:

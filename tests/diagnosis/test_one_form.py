@@ -63,6 +63,12 @@ def test_forms_are_looked_for_beside_each_that_is_given(unlike):
     assert max(cost(first, little), cost(second, little)) < 1.1
 
 
+def test_a_form_as_large_as_a_cause_is_no_background(unlike):
+    """As seen: a carriage that rings in full beside a law of cutting was an unknown cause."""
+    seen = 20.0 * SHARE * unlike[7].columns[:, 0]
+    assert np.array_equal(found(unlike, seen), any_form(unlike))
+
+
 def test_forms_that_are_alike_add_nothing():
     wave = np.random.default_rng(4).standard_normal((N, 1))
     alike = forms(*(size * 1e3 * wave for size in (0.99, 1.0, 1.01)))

@@ -245,10 +245,17 @@ def test_a_filter_of_the_force_whose_delay_is_taken_out_is_no_gap(gain):
     assert judge(problem, effect_columns(problem)).verdict == "no_gap"
 
 
+def test_a_force_that_ends_with_the_cut_went_through_no_filter():
+    """A force that grows as the root of the speed is larger where the cut begins and ends, but not beyond."""
+    sharper = strokes(cut=lambda speed, travelled, force: 170.0 * speed**0.5)
+    assert list(force_filter_nuisances(BASELINE, sharper)) == []
+
+
 def test_a_mean_of_the_force_leaves_what_its_nuisance_says():
     intact = gap(INTACT)
     seen = gap(behind_a_force_filter(INTACT, lambda f: np.sinc(4e-3 * f)))
-    (nuisance,) = (n for n in force_filter_nuisances() if n.name == "mean of force_n over 4 ms")
+    rounded = [behind_a_force_filter(state, mean_between_samples) for state in strokes()]
+    (nuisance,) = (n for n in force_filter_nuisances(BASELINE, rounded) if n.name == "mean of force_n over 4 ms")
     claimed = nuisance.signature(BASELINE, INTACT)
     compare({name: seen[name] - intact[name] for name in claimed}, claimed, 0.1)
 
