@@ -71,12 +71,9 @@ def is_rounded(baseline: Baseline, states: Sequence[State]) -> bool:
             returns = expected == 0.0
             change = Spectrum(expected, state).through(average(_MEAN_S[1])) * returns
             force_n = (state.force_n - state.force_n[returns].mean()) * returns
-            # A half of the return stroke follows the cut, the other one precedes it: the lever has either sign.
-            sides = [
-                np.sign(baseline.mechanism.displacement(state.angle_rad) - baseline.radius_m) == side
-                for side in (-1, 1)
-            ]
-            rounded.append([float(np.sum(change * force_n * side)) for side in sides])
+            # The return stroke follows the cut on one side of its middle, and precedes it on the other.
+            is_beyond = baseline.mechanism.displacement(state.angle_rad) > baseline.radius_m
+            rounded.append([float(np.sum(change * force_n * side)) for side in (is_beyond, ~is_beyond)])
     return len(rounded) > 1 and all(exceeds_its_error(side) for side in np.transpose(rounded))
 
 
