@@ -28,10 +28,13 @@ from sawbench.diagnosis.answer.prediction import Predictions
 from sawbench.diagnosis.answer.unlisted import leaves_a_gap, odds_of_unlisted, times_an_intact
 from sawbench.diagnosis.inference.acts_in import acts_in, equations_of
 from sawbench.diagnosis.inference.columns import Column
+from sawbench.diagnosis.inference.dispersion import background_with_noise, stacked_with_noise, with_noise
 from sawbench.diagnosis.inference.evidence import Explanation
 from sawbench.diagnosis.inference.hypothesis import Hypothesis
 from sawbench.diagnosis.inference.linear_problem import LinearProblem
+from sawbench.diagnosis.inference.marginal import Marginal
 from sawbench.diagnosis.inference.posterior import Posterior
+from sawbench.diagnosis.inference.retuning import Retuning
 from sawbench.diagnosis.inference.settings import SETTINGS, Z95, Forms, Settings
 from sawbench.diagnosis.inference.size import sized
 from sawbench.diagnosis.inference.stroke_evidence import StrokesSay
@@ -397,7 +400,8 @@ def _without(problem: LinearProblem, posterior: Posterior, member: Explanation) 
 
     A single effect that fails may still be there beside another one, as far as that is believed; what remains goes to
     the answers that name no effect. What predicts nothing has no evidence: beside "no gap" it keeps its prior odds. Of
-    a single one that every machine has as much of, all goes to "no gap": that is a machine which has a little of it.
+    a single one of which every machine has as much, all goes to "no gap" and "parameters": that is a machine which has
+    a little of it, and whose parameters are right or wrong.
     """
     best, weights = posterior.best, problem.settings.weights
     n_effects = len(problem.campaign.plant.effects)
@@ -407,7 +411,7 @@ def _without(problem: LinearProblem, posterior: Posterior, member: Explanation) 
         weighed = among(_found(posterior, rest), instead, n_effects=n_effects, weights=weights)
         to = {h.name: h.probability for h in weighed}
     elif is_background(member, surely=True, forms=problem.settings.forms):
-        to = {"no_gap": 1.0}
+        to = _without_naming(problem, posterior, member)
     else:
         others = [h for h in posterior.hypotheses if h.other is not None]
         weighed = weigh(others, n_effects=1, quiet=problem.quiet, weights=weights)
@@ -425,6 +429,18 @@ def _without(problem: LinearProblem, posterior: Posterior, member: Explanation) 
             for h in posterior.hypotheses
         },
     )
+
+
+def _without_naming(problem: LinearProblem, posterior: Posterior, member: Explanation) -> dict[str, float]:
+    """Probabilities of "no gap" and "parameters" beside an effect of which every machine has as much."""
+    variance, weights = posterior.dispersion, problem.settings.weights
+    of_it = stacked_with_noise(problem, [member.column.of_any_size], variance)
+    noisy = with_noise(problem, variance)
+    there = np.hstack([background_with_noise(posterior.little, variance), of_it])
+    evidence = Retuning(noisy, Marginal(noisy, extra=there), there).log_evidence
+    log_odds = evidence + np.log(weights.prior_parameters / weights.prior_no_gap)
+    wrong = float(np.exp(-np.logaddexp(0.0, -log_odds)))
+    return {"parameters": wrong, "no_gap": 1.0 - wrong}
 
 
 def _with_probabilities(posterior: Posterior, probabilities: Mapping[str, float]) -> Posterior:

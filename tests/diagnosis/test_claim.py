@@ -215,6 +215,18 @@ def test_an_effect_that_fails_alone_may_hold_beside_another_one_as_far_as_that_i
     assert sum(h.probability for h in left.hypotheses) == pytest.approx(1.0)
 
 
+@pytest.mark.parametrize(("deviation", "expected"), [(0.0, "no_gap"), (25.0, "parameters")])
+def test_beside_what_every_machine_has_parameters_are_right_or_wrong(problem, columns, deviation, expected):
+    """A tenth of a typical friction, on a machine whose back-EMF constant is right, or far off."""
+    wrong = deviation * problem.nuisance[:, problem.names.index("back_emf_constant_v_s_per_rad")]
+    data = with_columns(replace(problem, data=problem.data + wrong), columns, FRICTION, 0.2)
+    posterior = certain_of(judge(data, columns), FRICTION)
+    left = claim._without(data, posterior, replace(posterior.best.members[0], mixture=(0.1, 0.02)))
+    assert left.best.name == expected
+    assert left.best.probability > 0.5
+    assert left.of(FRICTION).probability == 0.0
+
+
 @pytest.mark.parametrize("size", [0.12, 3.0])
 def test_a_little_of_another_effect_is_not_left_by_a_claim_but_a_whole_one_is(problem, columns, size):
     """Beside a friction the gear is off its centre: by a tenth of what is typical, or by far more."""
