@@ -154,10 +154,10 @@ def is_there(member: Explanation, said: StrokesSay | None = None) -> bool:
     return is_form_there and abs(member.strength - member.absent) > Z95 * member.strength_std
 
 
-def is_background(member: Explanation, *, surely: bool = False, forms: Forms = SETTINGS.forms) -> bool:
+def is_background(member: Explanation, *, least: bool = False, forms: Forms = SETTINGS.forms) -> bool:
     """Whether the magnitude is one that machines may have: far below the typical one, or what every machine has."""
     size, _ = member.in_typical_sizes
-    return abs(size) < (forms.least_amplitude if surely else forms.background_amplitude)
+    return abs(size) < (forms.least_amplitude if least else forms.background_amplitude)
 
 
 def _failing(
@@ -221,7 +221,7 @@ def is_cause(
     """
     forms, is_alone = problem.settings.forms, len(posterior.best.effects) == 1
     is_wave = member.effect.size_of is not None
-    if is_background(member, surely=True, forms=forms):
+    if is_background(member, least=True, forms=forms):
         return False
     if is_wave and member.in_typical_sizes[0] > _RIGHT_TO * member.effect.strength.high:
         return False
@@ -410,7 +410,7 @@ def _without(problem: LinearProblem, posterior: Posterior, member: Explanation) 
         instead = [h for h in posterior.claims if h is not best and h.probability > 0.0 and _extends(h, rest, best)]
         weighed = among(_found(posterior, rest), instead, n_effects=n_effects, weights=weights)
         to = {h.name: h.probability for h in weighed}
-    elif is_background(member, surely=True, forms=problem.settings.forms):
+    elif is_background(member, least=True, forms=problem.settings.forms):
         to = _without_naming(problem, posterior, member)
     else:
         others = [h for h in posterior.hypotheses if h.other is not None]

@@ -85,7 +85,7 @@ def is_battery_ahead(states: Sequence[State]) -> bool:
 
 
 def _nuisance(name: str, std: float, signature: partial[Signature]) -> Nuisance:
-    return Nuisance(name=name, nominal=0.0, std=std, is_plant=False, signature=signature, is_shared=True)
+    return Nuisance(name=name, std=std, signature=signature, is_shared=True)
 
 
 def _motor(baseline: Baseline, state: State, *, transfer: TransferFunction) -> Signature:

@@ -63,7 +63,7 @@ def _delay(
     is_shared: bool = False,
 ) -> Nuisance:  # fmt: skip
     return Nuisance(
-        name=name, nominal=0.0, std=std_s, is_plant=False, is_shared=is_shared,
+        name=name, std=std_s, is_shared=is_shared,
         signature=lambda b, s: signature(b, s) if s.setting.label in labels else {},
     )  # fmt: skip
 

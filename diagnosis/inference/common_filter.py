@@ -39,7 +39,7 @@ def common_filter_nuisances() -> Iterator[Nuisance]:
     """
     for corner_hz, order in product(_CORNERS_HZ, _ORDERS):
         yield Nuisance(
-            name=f"common filter, {corner_hz:g} Hz, order {order}", nominal=0.0, std=_STD, is_plant=False,
+            name=f"common filter, {corner_hz:g} Hz, order {order}", std=_STD,
             signature=partial(_rounded, transfer=butterworth_in_time(corner_hz, order)),
         )  # fmt: skip
 

@@ -79,7 +79,7 @@ def is_rounded(baseline: Baseline, states: Sequence[State]) -> bool:
 
 def _nuisance(name: str, std: float, transfer: TransferFunction) -> Nuisance:
     signature = partial(_rounded, transfer=transfer)
-    return Nuisance(name=name, nominal=0.0, std=std, is_plant=False, signature=signature, is_shared=True)
+    return Nuisance(name=name, std=std, signature=signature, is_shared=True)
 
 
 def _rounded(baseline: Baseline, state: State, *, transfer: TransferFunction) -> Signature:

@@ -23,14 +23,14 @@ class Nuisance:
     ----------
     name : str
         Name of the `[plant]` or `[battery]` parameter, or of the sensor property.
-    nominal : float
-        0 for offsets.
     std : float
         Prior standard uncertainty, in the unit of `nominal`.
-    is_plant : bool
-        A number of the configuration (reported as a parameter shift), not of a sensor.
     signature : callable
         (baseline, state) -> change of the residuals for one unit.
+    nominal : float
+        0 for offsets.
+    is_plant : bool
+        A number of the configuration (reported as a parameter shift), not of a sensor.
     is_effect : bool
         Its error is an effect of the catalogue, and weighed as that: it is not re-tuned beyond its uncertainty.
     is_zero : bool
@@ -42,10 +42,10 @@ class Nuisance:
     """
 
     name: str
-    nominal: float
     std: float
-    is_plant: bool
     signature: SignatureFunction
+    nominal: float = 0.0
+    is_plant: bool = False
     is_effect: bool = False
     is_zero: bool = False
     is_curve: bool = False

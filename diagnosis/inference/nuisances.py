@@ -50,7 +50,7 @@ def nuisances_of(baseline: Baseline) -> tuple[Nuisance, ...]:
 
 def of_known(known: KnownEffect) -> Nuisance:
     """How far the magnitude of a known effect may be off, in standard uncertainties."""
-    return Nuisance(name=known.name, nominal=0.0, std=1.0, is_plant=False, signature=known.uncertainty)
+    return Nuisance(name=known.name, std=1.0, signature=known.uncertainty)
 
 
 def _plant_nuisances(baseline: Baseline) -> list[Nuisance]:
@@ -172,7 +172,7 @@ def _of_supply(baseline: Baseline) -> list[Nuisance]:
         ),
         *(
             Nuisance(
-                name=name, nominal=0.0, std=share * battery.nominal_voltage_v, is_plant=False,
+                name=name, std=share * battery.nominal_voltage_v,
                 signature=partial(_open_circuit_curve, name=name), is_curve=True,
             )
             for name, share in SETTINGS.sensors.battery_curve.items()
@@ -222,8 +222,7 @@ def _reversal_nuisances() -> list[Nuisance]:
     """Force that is missing where the cut begins and where it ends: no law of cutting holds where the blade stands."""
     return [
         Nuisance(
-            name=f"force at the {place} of the cut", nominal=0.0, std=1.0, is_plant=False,
-            signature=_missing_beside(is_start=place == "start"),
+            name=f"force at the {place} of the cut", std=1.0, signature=_missing_beside(is_start=place == "start"),
         )
         for place in ("start", "end")
     ]  # fmt: skip
@@ -249,8 +248,7 @@ def _bend_nuisances() -> list[Nuisance]:
     """
     return [
         Nuisance(
-            name=f"displacement_bend_{order}_rad", nominal=0.0, is_plant=False,
-            std=order * SETTINGS.sensors.bend_std_rad,
+            name=f"displacement_bend_{order}_rad", std=order * SETTINGS.sensors.bend_std_rad,
             signature=lambda baseline, state, order=order: bend_of_displacement(baseline, state, order),
         )
         for order in range(1, N_BEND_HARMONICS + 1)
@@ -281,16 +279,13 @@ def _sensor_nuisances(baseline: Baseline) -> list[Nuisance]:
     stds = {name: max(std, zero_a) if name.endswith("_offset_a") else std for name, std in sensors.std.items()}
 
     def shared(name: str, signature: SignatureFunction) -> Nuisance:
-        return Nuisance(
-            name=name, nominal=0.0, std=stds[name], is_plant=False, signature=signature, is_zero=name in zeros
-        )
+        return Nuisance(name=name, std=stds[name], signature=signature, is_zero=name in zeros)
 
     return [
         *(shared(name, signature) for name, signature in {**gains, **zeros, "angle_zero_rad": angle_shift}.items()),
         *(
             Nuisance(
-                name=warm_up_of(name, time_s), nominal=0.0, std=stds[name], is_plant=False,
-                signature=_warming({**gains, **zeros}[name], time_s),
+                name=warm_up_of(name, time_s), std=stds[name], signature=_warming({**gains, **zeros}[name], time_s),
             )
             for name in (*DRIFTING, *_DRIFTING_ZEROS)
             for time_s in sensors.drift_times_s

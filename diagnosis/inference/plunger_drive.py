@@ -51,8 +51,7 @@ def plunger_drive_nuisances() -> Iterator[Nuisance]:
         behind[f"clearance near {1e6 * crossed_m:g} um"] = (std, partial(_across, clearance_m=crossed_m))
     for (name, (std, of)), n_harmonics in product(behind.items(), _HARMONICS):
         yield Nuisance(
-            name=f"{name} of the plunger's drive in {n_harmonics} harmonics", nominal=0.0,
-            std=std / np.sqrt(len(_HARMONICS)), is_plant=False,
+            name=f"{name} of the plunger's drive in {n_harmonics} harmonics", std=std / np.sqrt(len(_HARMONICS)),
             signature=partial(_seen, behind=of, n_harmonics=n_harmonics),
         )  # fmt: skip
 

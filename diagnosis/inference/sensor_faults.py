@@ -80,7 +80,7 @@ def _rounding(channel: str, reading: Reading, state: State, std: float) -> Nuisa
         return reading.signature(baseline, at) if at.kind == "running" and at.setting.label == label else {}
 
     return Nuisance(
-        name=f"{ROUNDING}{channel}, {label}", nominal=0.0, std=std, is_plant=False, signature=signature
+        name=f"{ROUNDING}{channel}, {label}", std=std, signature=signature
     )  # fmt: skip
 
 

@@ -40,8 +40,7 @@ def vibration_nuisances(baseline: Baseline) -> Iterator[Nuisance]:
     for of_bench, power in POWERS.items():
         for phase, late_rad in PHASES.items():
             yield Nuisance(
-                name=name_of(phase, of_bench), nominal=0.0,
-                std=SETTINGS.sensors.vibration_share, is_plant=False,
+                name=name_of(phase, of_bench), std=SETTINGS.sensors.vibration_share,
                 signature=partial(_shaken, power=power, late_rad=late_rad),
             )  # fmt: skip
 

@@ -309,7 +309,7 @@ def _stock(stock: str) -> Nuisance:
         return {"cutting": baseline.cutting_speed(state)} if is_cut else {}
 
     std = SETTINGS.workpieces.stock_std_n_s_per_m
-    return Nuisance(name=f"k_fc of {stock}", nominal=0.0, std=std, is_plant=False, signature=signature)
+    return Nuisance(name=f"k_fc of {stock}", std=std, signature=signature)
 
 
 def _spread_std(baseline: Baseline, felt: Sequence[State]) -> float:
@@ -333,4 +333,4 @@ def _spread(label: str, std: float) -> Nuisance:
     def signature(baseline: Baseline, state: State) -> Signature:
         return {"cutting": baseline.expected_force(state)} if state.setting.label == label else {}
 
-    return Nuisance(name=f"k_fc spread of {label}", nominal=0.0, std=std, is_plant=False, signature=signature)
+    return Nuisance(name=f"k_fc spread of {label}", std=std, signature=signature)

@@ -265,7 +265,7 @@ def _plant(name, value, signature) -> Nuisance:
 
 
 def _sensor(name, std, signature) -> Nuisance:
-    return Nuisance(name=name, nominal=0.0, std=std, is_plant=False, signature=signature)
+    return Nuisance(name=name, std=std, signature=signature)
 
 
 def reduce_axis(

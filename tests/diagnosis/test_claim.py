@@ -484,8 +484,8 @@ def test_a_little_of_an_effect_is_no_cause(problem, columns, judged):
     assert not is_background(replace(member, mixture=(1.0, 0.02)))
     assert not is_background(replace(member, mixture=(0.35, 0.2)))
     assert is_background(replace(member, mixture=(0.2, 0.1)))
-    assert not is_background(replace(member, mixture=(0.2, 0.1)), surely=True)
-    assert is_background(replace(member, mixture=(0.05, 0.001)), surely=True)
+    assert not is_background(replace(member, mixture=(0.2, 0.1)), least=True)
+    assert is_background(replace(member, mixture=(0.05, 0.001)), least=True)
 
 
 @pytest.mark.parametrize("name", ["clock_offset", "force_sensor_lag", "current_sensor_lag"])
