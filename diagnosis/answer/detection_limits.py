@@ -69,7 +69,8 @@ def detection_limits(
     posterior : Posterior
     least : float
         Log odds from which an effect shows; they grow with the square of its amplitude. One of background size is
-        named only where the mean stroke differs by more than that of an intact machine does.
+        named only where the mean stroke differs by more than that of an intact machine does, and what every machine
+        has as much of is not named.
 
     Returns
     -------
@@ -108,12 +109,13 @@ def _of_forms(marginal: Marginal, forms: Sequence[Column], least: float, *, gap:
         return DetectionLimit(log_odds=0.0)
     strength, without = forms[0].effect.strength, forms[0].effect.strength_without(forms[0].shape)
     of_typical = _magnitudes(forms, np.ones(len(forms)))
-    # What is of background size is named only where it leaves a gap.
+    # What is of background size is named only where it leaves a gap, and not below what every machine has.
     of_usual = 1.0 if strength.usual is None else strength.over_usual(np.abs(of_typical))
-    background = SETTINGS.forms.background_amplitude / np.maximum(of_usual, _SAME)
+    sizes, numbers = 1.0 / np.maximum(of_usual, _SAME), SETTINGS.forms
     odds = np.maximum(odds, np.finfo(float).tiny)
-    named = np.maximum(np.sqrt(least / odds), np.minimum(np.sqrt(gap / odds), background))
-    smallest = _magnitudes(forms, np.maximum(named, strength.low))
+    named = np.maximum(np.sqrt(least / odds), np.minimum(np.sqrt(gap / odds), numbers.background_amplitude * sizes))
+    named = np.maximum(named, np.maximum(numbers.least_amplitude * sizes, strength.low))
+    smallest = _magnitudes(forms, named)
     if np.array_equal(of_typical, smallest) or named.min() > strength.high:
         return DetectionLimit(log_odds=middle)
     changes = np.abs(smallest - (without or 0.0))
