@@ -270,14 +270,22 @@ def _tables(
             continue
         raise InputError(f"{name} has {len(found)} values but {TIME_COLUMN} has {len(time_s)}", where=raw.path)
     table = Table(path=raw.path, time_s=time_s, columns=others, units=units, place=raw.place)
-    return (_without_repeated(table, warnings) if table_map.table.repeated_times == "drop" else table,)
+    return (_without_repeated(table, table_map, warnings),)
 
 
-def _without_repeated(table: Table, warnings: list[str]) -> Table:
-    is_new = np.concatenate(([True], np.diff(table.time_s) != 0))
-    n_dropped = int(np.sum(~is_new))
+def _without_repeated(table: Table, table_map: TableMap, warnings: list[str]) -> Table:
+    """Leave rows out that say what the row before them says, and as the map has it all whose time is repeated."""
+    is_old = np.concatenate(([False], np.diff(table.time_s) == 0))
+    said = "rows with a repeated time are left out, as set in the map"
+    if table_map.table.repeated_times != "drop":
+        said = "rows are left out: they repeat the row before them, with its time"
+        for values in table.columns.values():
+            before, here = values[:-1], values[1:]
+            is_old[1:] &= (here == before) | (np.isnan(here) & np.isnan(before))
+    n_dropped = int(np.sum(is_old))
     if n_dropped:
-        warnings.append(f"{n_dropped} rows with a repeated time are left out, as set in the map")
+        warnings.append(f"{n_dropped} {said}")
+    is_new = ~is_old
     rows = np.flatnonzero(is_new)
     return replace(
         table,

@@ -162,6 +162,18 @@ def test_repeated_times_are_dropped_where_asked(tmp_path):
     assert "1 rows with a repeated time" in report.warnings[0]
 
 
+def test_a_row_that_repeats_the_one_before_it_says_nothing_new(tmp_path):
+    """A logger that writes a row twice; the time that a sample later stands with other values is refused."""
+    text = "time_s,force_n,displacement_mm\n0,1,\n0,1,\n0.1,3,5\n0.1,3,5\n0.1,3,5\n0.2,4,6\n"
+    recording, report = taken_in(tmp_path, "t.csv", text)
+    assert recording.signal("force_n").time_s.tolist() == [0.0, 0.1, 0.2]
+    assert recording.signal("force_n").values.tolist() == [1.0, 3.0, 4.0]
+    assert recording.signal("displacement_mm").values.tolist() == [5.0, 6.0]
+    assert "3 rows are left out: they repeat the row before them" in report.warnings[0]
+    with pytest.raises(InputError, match=r"u.csv, line 9: time_s does not increase"):
+        taken_in(tmp_path, "u.csv", text + "0.3,4,6\n0.3,4,7\n")
+
+
 def test_a_map_states_how_well_the_times_of_its_columns_agree(tmp_path):
     text = "time_s,force_n,displacement_mm\n0,1,5\n0.1,2,6\n"
     mapped = table_map(tmp_path, "[table]\nalignment_std_s = 2e-5\n")
@@ -500,14 +512,14 @@ def test_machine_tool_whose_time_is_an_index(tmp_path):
     assert (len(signal.values), round(signal.rate_hz, 6)) == (177000, 1000.0)
 
 
-def test_cell_whose_log_repeats_times(tmp_path):
+@pytest.mark.parametrize("repeats", ["", '[table]\nrepeated_times = "drop"\n'])
+def test_cell_whose_log_repeats_rows(tmp_path, repeats):
     path = shared("pybop_cells/LGM50_5Ah_RateTest.mat")
     text = '[columns]\ntime_s = "T25.cRate_2C.timeVec"\nbattery_voltage_v = "T25/cRate_2C/volVec"\n'
     text += 'battery_current_a = { column = "T25.cRate_2C.currVec", sign = -1 }\n'
-    with pytest.raises(InputError, match="does not increase"):
-        import_path(path, tmp_path / "out", table_map=table_map(tmp_path, text))
-    mapped = table_map(tmp_path, text + '[table]\nrepeated_times = "drop"\n')
-    recording = read_recording(import_path(path, tmp_path / "out", table_map=mapped).paths[0])
+    report = import_path(path, tmp_path / "out", table_map=table_map(tmp_path, text + repeats))
+    assert "repeat" in report.warnings[0]
+    recording = read_recording(report.paths[0])
     current = recording.signal("battery_current_a")
     is_loaded = current.values > 1.0
     # Published with the file: 2 C is 10 A, and the cell gives 4.86 Ah down to 2.5 V at 25 degrees.
