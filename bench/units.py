@@ -42,6 +42,8 @@ DISPLACEMENT: Final = Channel(
 MOTOR_CURRENT: Final = Channel(name="motor_current_a", unit="A", label="motor current", plausible=(-200.0, 200.0))
 BATTERY_VOLTAGE: Final = Channel(name="battery_voltage_v", unit="V", label="battery voltage", plausible=(0.0, 100.0))
 BATTERY_CURRENT: Final = Channel(name="battery_current_a", unit="A", label="battery current", plausible=(-200.0, 200.0))
+# They follow from each other, and are read by different sensors.
+ELECTRICAL: Final = (MOTOR_CURRENT.name, BATTERY_VOLTAGE.name, BATTERY_CURRENT.name)
 
 CHANNELS: Final[tuple[Channel, ...]] = (
     FORCE,

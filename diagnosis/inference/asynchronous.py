@@ -14,7 +14,8 @@ from typing import Final, Literal
 
 import numpy as np
 from sawbench.bench.recording import Floats
-from sawbench.bench.units import BATTERY_CURRENT, BATTERY_VOLTAGE, CHANNEL_BY_NAME, FORCE, MOTOR_CURRENT
+from sawbench.bench.units import BATTERY_CURRENT, CHANNEL_BY_NAME, ELECTRICAL, FORCE, MOTOR_CURRENT
+from sawbench.diagnosis.inference.commutation import is_commutation
 from sawbench.diagnosis.inference.features import HARMONICS
 from sawbench.diagnosis.inference.off_stroke import MAINS_HZ, MULTIPLES, OffStroke
 from sawbench.diagnosis.inference.peaks import Peak
@@ -27,8 +28,6 @@ from sawbench.modeling.effects.strokes import StrokeWave
 _NUMBERS: Final = SETTINGS.off_stroke
 assert isinstance(GRAIN.strokes, StrokeWave)
 _MOST_WAVES_PER_M: Final = GRAIN.strokes.waves_per_m[1]
-# They follow from each other, and are read by different sensors.
-_ELECTRICAL = (MOTOR_CURRENT.name, BATTERY_VOLTAGE.name, BATTERY_CURRENT.name)
 
 Lock = Literal["time", "stroke"]
 
@@ -77,22 +76,24 @@ class Finding:
     equation: str = ""
 
 
-def off_stroke_findings(trials: Sequence[OffStroke]) -> list[Finding]:
+def off_stroke_findings(trials: Sequence[OffStroke], turns_a_stroke: float | None = None) -> list[Finding]:
     """Weigh what the trials have in common.
 
     Parameters
     ----------
     trials : sequence of OffStroke
+    turns_a_stroke : float, optional
+        Of the motor, whose commutator has lines of its own.
 
     Returns
     -------
     list of Finding
         Those that hold in most of the trials.
     """
-    return [*_common_lines(trials), *_common_slow_waves(trials), *_common_bursts(trials)]
+    return [*_common_lines(trials, turns_a_stroke), *_common_slow_waves(trials), *_common_bursts(trials)]
 
 
-def _common_lines(trials: Sequence[OffStroke]) -> Iterator[Finding]:
+def _common_lines(trials: Sequence[OffStroke], turns_a_stroke: float | None) -> Iterator[Finding]:
     idle, loaded = [t for t in trials if t.is_idle], [t for t in trials if not t.is_idle]
     of_sensors = fixed_lines(trials)
     locks: tuple[Lock, ...] = ("stroke", "time")
@@ -101,6 +102,8 @@ def _common_lines(trials: Sequence[OffStroke]) -> Iterator[Finding]:
             for group in (trials, idle, loaded):
                 line = common_line(group, lock, name)
                 if not line or (lock == "stroke" and _is_any_of(of_sensors, name, line)):
+                    continue
+                if is_commutation(trials, name, line, is_over_time=lock == "time", turns_a_stroke=turns_a_stroke):
                     continue
                 if _is_not_the_wood(line, lock) and _is_no_pickup(group, lock, name, line):
                     yield _line_finding(group, lock, name, line)
@@ -192,12 +195,12 @@ def _is_no_pickup(group: Sequence[OffStroke], lock: Lock, name: str, line: Seque
     if lock == "time" and middle.place > fastest_compared_hz(group):
         return False
     if is_mains(float(np.median([p.place if lock == "time" else p.place * trial.rate_hz for trial, p in line]))):
-        return lock == "time" and name in _ELECTRICAL and _is_a_current(group, middle)
+        return lock == "time" and name in ELECTRICAL and _is_a_current(group, middle)
     if lock == "stroke":
         return True
     channels = {n for t in group for _, n in t.peaks}
     seen = [n for n in channels if len(_at(group, lock, n, middle)) >= _enough(group, lock, middle)]
-    return name in seen and sum(n in _ELECTRICAL for n in seen) > 1
+    return name in seen and sum(n in ELECTRICAL for n in seen) > 1
 
 
 def fastest_compared_hz(trials: Sequence[OffStroke]) -> float:

@@ -11,7 +11,7 @@ from typing import Final
 
 import numpy as np
 from sawbench.bench.processed import TrackedTrial
-from sawbench.bench.recording import Floats
+from sawbench.bench.recording import Floats, Signal
 from sawbench.bench.units import CHANNEL_BY_NAME, DISPLACEMENT, FORCE, MOTOR_CURRENT
 from sawbench.diagnosis.inference.peaks import Peak, Spectrum, near_harmonic, not_sharper_in, peaks_of
 from sawbench.diagnosis.inference.settings import SETTINGS
@@ -48,6 +48,8 @@ class OffStroke:
         NaN in air and where no feed is stated.
     duty : float
         NaN where none is stated.
+    level : dict of str to float
+        Mean of each channel, without its sign.
     peaks : dict of (str, str) to tuple of Peak
         By "time" or "stroke", and channel.
     of_mains : dict of str to ndarray, shape (2, 7)
@@ -66,6 +68,7 @@ class OffStroke:
     near_harmonic: float
     feed_a_stroke_m: float
     duty: float
+    level: dict[str, float]
     peaks: dict[tuple[str, str], tuple[Peak, ...]]
     of_mains: dict[str, Floats]
     struck: dict[str, Strikes]
@@ -137,12 +140,18 @@ def off_stroke(trial: TrackedTrial) -> OffStroke | None:
         near_harmonic=near_harmonic(n_strokes),
         feed_a_stroke_m=_feed_m_s(trial) / rate_hz,
         duty=float("nan") if trial.trial.duty is None else trial.trial.duty,
+        level={name: _level(channels[name], begins_s, ends_s) for name in beside},
         peaks=peaks,
         of_mains=of_mains,
         struck=struck,
         answer=answer_of(lefts.get(FORCE.name), lefts.get(MOTOR_CURRENT.name), resolution.get(FORCE.name, np.inf)),
         slow=slow,
     )
+
+
+def _level(signal: Signal, begins_s: float, ends_s: float) -> float:
+    inside = (signal.time_s >= begins_s) & (signal.time_s <= ends_s)
+    return abs(float(np.nanmean(signal.values[inside])))
 
 
 def _feed_m_s(trial: TrackedTrial) -> float:

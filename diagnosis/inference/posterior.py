@@ -127,7 +127,7 @@ def judge(
         return (_bench_of(problem, columns),)
 
     def beside_mean_strokes() -> tuple[Any, ...]:
-        asynchronous = [*off_stroke_findings(campaign.off_stroke), *unsteady_balances(problem)]
+        asynchronous = [*off_stroke_findings(campaign.off_stroke, plant.turns_a_cycle), *unsteady_balances(problem)]
         beside = max(asynchronous, key=lambda finding: finding.log_evidence, default=None)
         return *strokes_say(effects, campaign.states, campaign.strokes, settings, plant.known), beside
 

@@ -152,6 +152,9 @@ class OffStroke:
         place that fits neither counts, and so much at least a slow wave has to gain in air.
     most_per_trial : float
         Log evidence that one trial may give, nats.
+    ripple_of_bars, ripple_of_armature : float
+        What every commutator leaves in a current as its bars pass, and at each turn or half turn: share of the largest
+        mean.
     strike : float
         Robust deviations by which a cell of the crank angle and a neighbour are off: a stray value is shorter.
     least_struck : float
@@ -181,6 +184,8 @@ class OffStroke:
     feed_error: float = marked(0.05, "convention", "what a slide keeps under load")
     by_chance: float = marked(4.5, "convention", "three standard deviations")
     most_per_trial: float = marked(20.0, "convention", "no single trial names a cause: one in e^20")
+    ripple_of_bars: float = marked(0.05, "convention", "1/k^2 of the back-EMF with k = 5, and the current not less")
+    ripple_of_armature: float = marked(0.01, "convention", "windings of one machine are alike to a per cent")
     strike: float = marked(8.0, "convention", "no scatter reaches it, nor do heavy tails twice in a row")
     least_struck: float = marked(0.3, "convention", "a third of what is asynchronous")
     least_picked_up: float = marked(0.03, "convention", "ten times below what a machine is blamed for")

@@ -85,6 +85,11 @@ class Jigsaw:
         """Those that the model holds."""
         return self.baseline.known
 
+    @property
+    def turns_a_cycle(self) -> float:
+        """Of the motor, by its gear."""
+        return self.baseline.gear
+
     def with_known(self, known: Sequence[KnownEffect]) -> Jigsaw:
         """See `Plant.with_known`."""
         return replace(self, baseline=replace(self.baseline, known=tuple(known)))

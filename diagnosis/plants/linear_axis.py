@@ -94,6 +94,11 @@ class LinearAxis:
         return ()
 
     @property
+    def turns_a_cycle(self) -> None:
+        """Its motor is not modelled."""
+        return
+
+    @property
     def expected_rest(self) -> float:
         """All that its model error says: it holds what the form of a cause may miss, not only a floor."""
         return 1.0

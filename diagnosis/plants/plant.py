@@ -76,6 +76,8 @@ class Plant(Protocol):
         Forms that count as "unknown" where they win.
     expected_rest : float
         Whitened misfit over features that is no sign of more noise.
+    turns_a_cycle : float or None
+        Of a motor with a commutator; None where none is modelled.
     scale_rel_std : float
         Relative uncertainty that every strength found shares, because the equations fix sizes only up to it.
     """
@@ -108,6 +110,11 @@ class Plant(Protocol):
     @property
     def beyond_catalogue(self) -> tuple[Effect, ...]:
         """Forms of causes that nobody claims."""
+        ...
+
+    @property
+    def turns_a_cycle(self) -> float | None:
+        """Turns of a motor with a commutator."""
         ...
 
     @property

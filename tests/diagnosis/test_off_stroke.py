@@ -535,6 +535,50 @@ def test_an_order_near_a_harmonic_is_no_wave_of_the_wood_where_the_feed_a_stroke
     assert campaign(grain, plan=plan) is None
 
 
+GEAR = 8.83
+QUIET = {**NOISE, FORCE.name: 0.03, MOTOR_CURRENT.name: 0.03}
+
+
+@pytest.mark.parametrize(
+    ("channel", "times_a_turn", "share", "is_found"),
+    [
+        (MOTOR_CURRENT.name, 1.0, 0.005, False),
+        (MOTOR_CURRENT.name, 7.0, 0.03, False),
+        (MOTOR_CURRENT.name, 10.0, 0.005, False),
+        (MOTOR_CURRENT.name, 2.0, 0.03, True),
+        (MOTOR_CURRENT.name, 7.0, 0.08, True),
+        (MOTOR_CURRENT.name, 6.5, 0.005, True),
+        (FORCE.name, 7.0, 0.005, True),
+    ],
+    ids=["uneven armature", "bars", "fast bars", "shorted coil", "too much", "no whole multiple", "force"],
+)
+def test_a_commutator_ripples_at_whole_multiples_of_the_turns_of_the_motor(channel, times_a_turn, share, is_found):
+    """Of a current of 10 A at most, 6 A in air."""
+
+    def ripple(rng, time_s, turns, feed):
+        wave = np.cos(2.0 * np.pi * times_a_turn * GEAR * turns + rng.uniform(0.0, 6.0))
+        return {channel: (6.0 if feed is None else 10.0) + 10.0 * share * wave}
+
+    found = trials(ripple, noise=QUIET)
+    assert off_stroke_findings(found)
+    assert bool(off_stroke_findings(found, GEAR)) == is_found
+
+
+@pytest.mark.parametrize(("times_a_turn", "is_found"), [(7.0, False), (7.4, True)])
+def test_at_one_speed_a_commutator_ripples_at_one_frequency(times_a_turn, is_found):
+    """Two currents show it, as they show the ripple of a supply."""
+
+    def ripple(rng, time_s, turns, feed):
+        wave = np.cos(2.0 * np.pi * times_a_turn * GEAR * turns + rng.uniform(0.0, 6.0))
+        return {MOTOR_CURRENT.name: 10.0 + 0.2 * wave, BATTERY_CURRENT.name: 8.0 + 0.15 * wave}
+
+    found = trials(
+        ripple, noise={**QUIET, BATTERY_CURRENT.name: 0.02}, plan=((14.3, None), (14.31, None), (14.29, 3.0))
+    )
+    assert off_stroke_findings(found)
+    assert bool(off_stroke_findings(found, GEAR)) == is_found
+
+
 @pytest.mark.parametrize(("n_in_air", "is_found"), [(1, True), (0, False)])
 def test_in_air_a_line_is_compared_with_what_scatters_without_the_wood(n_in_air, is_found):
     """As seen: a rotor out of balance of 1.5 N, below a tenth of what the wood scatters by from stroke to stroke."""
