@@ -398,6 +398,7 @@ def _found(posterior: Posterior, effects: tuple[str, ...]) -> Hypothesis:
 def _without(problem: LinearProblem, posterior: Posterior, member: Explanation) -> Posterior:
     """Take one effect out of the likeliest hypothesis, and hand its probability to the rest, alone or with another.
 
+    Of an effect of background size all goes to the rest alone: beside a little of it nothing speaks for another one.
     A single effect that fails may still be there beside another one, as far as that is believed; what remains goes to
     the answers that name no effect. What predicts nothing has no evidence: beside "no gap" it keeps its prior odds. Of
     a single one of which every machine has as much, all goes to "no gap" and "parameters": that is a machine which has
@@ -406,7 +407,9 @@ def _without(problem: LinearProblem, posterior: Posterior, member: Explanation) 
     best, weights = posterior.best, problem.settings.weights
     n_effects = len(problem.campaign.plant.effects)
     rest = best.without(member.effect.name)
-    if rest:
+    if rest and is_background(member, forms=problem.settings.forms):
+        to = {_found(posterior, rest).name: 1.0}
+    elif rest:
         instead = [h for h in posterior.claims if h is not best and h.probability > 0.0 and _extends(h, rest, best)]
         weighed = among(_found(posterior, rest), instead, n_effects=n_effects, weights=weights)
         to = {h.name: h.probability for h in weighed}

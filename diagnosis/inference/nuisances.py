@@ -244,14 +244,17 @@ def _missing_beside(*, is_start: bool) -> SignatureFunction:
 def _bend_nuisances() -> list[Nuisance]:
     """A displacement that is not quite straight between its ends; what is far from straight is beyond the catalogue.
 
-    Electronics that straighten a sensor leave a curve that crosses zero a few times: its harmonics fall as 1/k only.
+    A sensor by itself is bent to one side, which is the first harmonic, or as the letter S, which is the second: as
+    far, and as often. Electronics that straighten it leave a curve that crosses zero a few times: its harmonics fall as
+    1/k only.
     """
+    falls = {order: 1.0 if order <= 2 else 1.0 / order for order in range(1, N_BEND_HARMONICS + 1)}
     return [
         Nuisance(
-            name=f"displacement_bend_{order}_rad", std=order * SETTINGS.sensors.bend_std_rad,
+            name=f"displacement_bend_{order}_rad", std=order**2 * fall * SETTINGS.sensors.bend_std_rad,
             signature=lambda baseline, state, order=order: bend_of_displacement(baseline, state, order),
         )
-        for order in range(1, N_BEND_HARMONICS + 1)
+        for order, fall in falls.items()
     ]  # fmt: skip
 
 

@@ -140,12 +140,15 @@ def worth_of_a_choice(n_effects: int) -> float:
     return float(np.log(max(n_effects, 2)))
 
 
-def odds_of_further(together: Hypothesis, stronger: Hypothesis, n_effects: int) -> float:
+def odds_of_further(
+    together: Hypothesis, stronger: Hypothesis, n_effects: int, weights: Weights = SETTINGS.weights
+) -> float:
     """Odds that a further effect is there, before its evidence against all other causes counts.
 
     They are the log evidence that it adds over that at which it is even. It pays for the choice, and in mean strokes
-    also for the scatter of the log evidence that the stronger effects have there, where both act: the form of a strong
-    effect misses more. What single strokes add no form misses.
+    also for what the likeliest of all effects gains there on a machine that has none, and for the scatter of the log
+    evidence that the stronger effects have there, where both act: the form of a strong effect misses more. What single
+    strokes add no form misses.
 
     Parameters
     ----------
@@ -154,11 +157,13 @@ def odds_of_further(together: Hypothesis, stronger: Hypothesis, n_effects: int) 
     stronger : Hypothesis
     n_effects : int
         Size of the catalogue.
+    weights : Weights
     """
     choice, missed = worth_of_a_choice(n_effects), missed_by(stronger, together)
     in_means = together.of_means - stronger.of_means
     in_strokes = together.of_strokes - stronger.of_strokes
-    return (min(in_means, 0.0) + in_strokes) / choice + max(in_means, 0.0) / (choice + missed)
+    even = choice + weights.gained_by_none + missed
+    return (min(in_means, 0.0) + in_strokes) / choice + max(in_means, 0.0) / even
 
 
 def missed_by(stronger: Hypothesis, together: Hypothesis) -> float:
@@ -196,7 +201,7 @@ def _share_within(
     score: dict[Hypothesis, float], stronger: Hypothesis, family: Sequence[Hypothesis], n_effects: int, w: Weights
 ) -> None:
     added = np.array([h.log_evidence - stronger.log_evidence for h in family])
-    log_odds = np.log(np.maximum([odds_of_further(h, stronger, n_effects) for h in family], w.least_added))
+    log_odds = np.log(np.maximum([odds_of_further(h, stronger, n_effects, w) for h in family], w.least_added))
     odds = float(log_odds.max())
     # As far as the further one is believed: one that is not must not raise the first.
     believed = -float(np.logaddexp(0.0, -odds))

@@ -191,6 +191,15 @@ def test_a_displacement_that_is_not_linear(true, name):
         assert np.linalg.norm(seen - said) < 0.05 * np.linalg.norm(said)
 
 
+@pytest.mark.parametrize("name", BENT)
+def test_a_sensor_may_be_bent_to_one_side_or_as_an_s(name):
+    """By an eighth of a per cent of its range: one standard deviation, or little more."""
+    bent, coefficient = BENT[name]
+    largest = np.abs(bent(np.linspace(0.0, 2.0, 1001))).max()
+    deviations = abs(coefficient) * 0.0025 / largest / nuisance(name).std
+    assert 0.7 < deviations < 1.4
+
+
 DRIFTING = {
     "force_gain": SHARE, "motor_current_gain": SHARE, "battery_current_gain": SHARE, "battery_voltage_gain": SHARE,
     "motor_current_offset_a": 0.1, "battery_current_offset_a": 0.1,
