@@ -398,7 +398,7 @@ def _found(posterior: Posterior, effects: tuple[str, ...]) -> Hypothesis:
 def _without(problem: LinearProblem, posterior: Posterior, member: Explanation) -> Posterior:
     """Take one effect out of the likeliest hypothesis, and hand its probability to the rest, alone or with another.
 
-    Of an effect of background size all goes to the rest alone: beside a little of it nothing speaks for another one.
+    Of an effect of background size all goes to the rest alone: beside a little of it there is no evidence for another.
     A single effect that fails may still be there beside another one, as far as that is believed; what remains goes to
     the answers that name no effect. What predicts nothing has no evidence: beside "no gap" it keeps its prior odds. Of
     a single one of which every machine has as much, all goes to "no gap" and "parameters": that is a machine which has

@@ -13,7 +13,7 @@ from sawbench.diagnosis.inference.evidence import explain
 from sawbench.diagnosis.inference.forming import Forming
 from sawbench.diagnosis.inference.left_over import left_over, log_density_of_left
 from sawbench.diagnosis.inference.marginal import Marginal
-from sawbench.diagnosis.inference.weighing import worth_of_a_choice
+from sawbench.diagnosis.inference.weighing import gained_by_none, worth_of_a_choice
 
 
 def beyond_catalogue(
@@ -74,7 +74,9 @@ def unnamed(
         What does not follow the stroke.
     """
     problem = forming.problem
-    found = {"": discrepancy(problem, forming.nominal) - forming.nominal.log_evidence, **beyond, **strokes}
+    of_means = {"": discrepancy(problem, forming.nominal) - forming.nominal.log_evidence, **beyond}
+    weights = problem.settings.weights
+    found = {text: value - gained_by_none(value, weights) for text, value in of_means.items()} | dict(strokes)
     if beside is not None:
         found[beside.text] = beside.log_evidence
     return found

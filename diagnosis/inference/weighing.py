@@ -49,7 +49,9 @@ def weigh(
     each = prior_odds_of_one(n_effects, w) * w.prior_no_gap
     priors = {"no_gap": w.prior_no_gap, "parameters": w.prior_parameters}
     score = {
-        h: float(np.log(priors.get(h.name, each))) + h.log_evidence
+        h: float(np.log(priors.get(h.name, each)))
+        + h.log_evidence
+        - (gained_by_none(h.of_means, w) if h.effects else 0.0)
         for h in hypotheses
         if h is not unknown and len(h.effects) < 2
     }
@@ -138,6 +140,11 @@ def prior_odds_of_one(n_effects: int, weights: Weights = SETTINGS.weights) -> fl
 def worth_of_a_choice(n_effects: int) -> float:
     """Log evidence that the best of so many effects has to add, for having been chosen among them."""
     return float(np.log(max(n_effects, 2)))
+
+
+def gained_by_none(of_means: float, weights: Weights = SETTINGS.weights) -> float:
+    """Of the log evidence in mean strokes, what the likeliest effect or law has there on a machine without any."""
+    return min(max(of_means, 0.0), weights.gained_by_none)
 
 
 def odds_of_further(

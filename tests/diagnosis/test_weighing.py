@@ -58,6 +58,20 @@ def test_without_evidence_nothing_is_wrong():
     assert first(weighed({}, quiet)) == "no_gap"
 
 
+def test_what_the_likeliest_effect_has_on_a_machine_without_any_names_none():
+    """Of mean strokes; a few nats more do, and those of single strokes from the first on."""
+    quiet = dict.fromkeys(("no_gap", "parameters", *NAMES, PAIR), WEIGHTS.quiet)
+    assert first(weighed({"edge_force": WEIGHTS.gained_by_none}, quiet)) == "no_gap"
+    assert first(weighed({"edge_force": WEIGHTS.gained_by_none + 2.0 * CHOICE}, quiet)) == "edge_force"
+    others = [named(name, 0.0, left_over=WEIGHTS.quiet) for name in ("no_gap", "parameters", "unknown")]
+    evidence = WEIGHTS.gained_by_none + 0.5 * CHOICE
+    for of_strokes, expected in ((0.0, "no_gap"), (evidence, "blade_wear")):
+        worn = Hypothesis(
+            effects=("blade_wear",), log_evidence=evidence, left_over=WEIGHTS.quiet, of_strokes=of_strokes
+        )
+        assert weigh([*others, worn], n_effects=N_EFFECTS)[0].name == expected
+
+
 def test_a_strong_effect_that_leaves_little_is_named():
     found = weighed({"edge_force": 80.0}, {"edge_force": WEIGHTS.quiet, PAIR: WEIGHTS.quiet})
     assert first(found) == "edge_force"
