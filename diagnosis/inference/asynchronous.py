@@ -100,20 +100,32 @@ def _common_lines(trials: Sequence[OffStroke], turns_a_stroke: float | None) -> 
     for lock in locks:
         for name in sorted({name for t in trials for _, name in t.peaks}):
             for group in (trials, idle, loaded):
+                ordinary: list[Peak] = []
                 line = common_line(group, lock, name)
+                while line and is_commutation(
+                    trials, name, line, is_over_time=lock == "time", turns_a_stroke=turns_a_stroke
+                ):
+                    ordinary += [peak for _, peak in line]
+                    line = common_line(group, lock, name, besides=ordinary)
                 if not line or (lock == "stroke" and _is_any_of(of_sensors, name, line)):
-                    continue
-                if is_commutation(trials, name, line, is_over_time=lock == "time", turns_a_stroke=turns_a_stroke):
                     continue
                 if _is_not_the_wood(line, lock) and _is_no_pickup(group, lock, name, line):
                     yield _line_finding(group, lock, name, line)
                     break
 
 
-def common_line(group: Sequence[OffStroke], lock: Lock, name: str) -> list[tuple[OffStroke, Peak]]:
-    """Peaks of one channel at the same place in most trials of a group, with their trials; else none."""
+def common_line(
+    group: Sequence[OffStroke], lock: Lock, name: str, besides: Sequence[Peak] = ()
+) -> list[tuple[OffStroke, Peak]]:
+    """Peaks of one channel at the same place in most trials of a group, with their trials; else none.
+
+    `besides` are peaks of other lines.
+    """
     best: list[tuple[OffStroke, Peak]] = []
-    for candidate in (p for t in group for p in t.peaks.get((lock, name), ()) if p.power > _NUMBERS.least_power):
+    strong = [p for t in group for p in t.peaks.get((lock, name), ()) if p.power > _NUMBERS.least_power]
+    for candidate in strong:
+        if any(abs(candidate.place - other.place) < _tolerance(candidate, other) for other in besides):
+            continue
         same = _at(group, lock, name, candidate)
         if sum(np.log(p.power) for _, p in same) > sum(np.log(p.power) for _, p in best):
             best = same

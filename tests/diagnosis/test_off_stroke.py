@@ -564,6 +564,17 @@ def test_a_commutator_ripples_at_whole_multiples_of_the_turns_of_the_motor(chann
     assert bool(off_stroke_findings(found, GEAR)) == is_found
 
 
+def test_a_shorted_coil_is_found_beside_a_ripple_of_the_bars_that_is_larger():
+    def ripple(rng, time_s, turns, feed):
+        bars, coil = (np.cos(2.0 * np.pi * times * GEAR * turns + rng.uniform(0.0, 6.0)) for times in (7.0, 2.0))
+        return {MOTOR_CURRENT.name: 10.0 + 0.4 * bars + 0.3 * coil}
+
+    (finding,) = off_stroke_findings(trials(ripple, noise=QUIET), GEAR)
+    amplitude, order = numbers(finding.text)[:2]
+    assert order == pytest.approx(2.0 * GEAR, abs=0.02)
+    assert amplitude == pytest.approx(0.3, rel=0.1)
+
+
 @pytest.mark.parametrize(("times_a_turn", "is_found"), [(7.0, False), (7.4, True)])
 def test_at_one_speed_a_commutator_ripples_at_one_frequency(times_a_turn, is_found):
     """Two currents show it, as they show the ripple of a supply."""
