@@ -275,7 +275,8 @@ def _tables(
 
 def _without_repeated(table: Table, table_map: TableMap, warnings: list[str]) -> Table:
     """Leave rows out that say what the row before them says, and as the map has it all whose time is repeated."""
-    is_old = np.concatenate(([False], np.diff(table.time_s) == 0))
+    is_old = np.zeros(len(table.time_s), dtype=bool)
+    is_old[1:] = np.diff(table.time_s) == 0
     said = "rows with a repeated time are left out, as set in the map"
     if table_map.table.repeated_times != "drop":
         said = "rows are left out: they repeat the row before them, with its time"
