@@ -439,9 +439,8 @@ def _without_naming(problem: LinearProblem, posterior: Posterior, member: Explan
     variance, weights = posterior.dispersion, problem.settings.weights
     of_it = stacked_with_noise(problem, [member.column.of_any_size], variance)
     noisy = with_noise(problem, variance)
-    there = np.hstack([background_with_noise(posterior.little, variance), of_it])
-    evidence = Retuning(noisy, Marginal(noisy, extra=there), there).log_evidence
-    log_odds = evidence + np.log(weights.prior_parameters / weights.prior_no_gap)
+    nominal = Marginal(noisy, extra=background_with_noise(posterior.little, variance)).beside(of_it)
+    log_odds = Retuning(noisy, nominal).log_evidence + np.log(weights.prior_parameters / weights.prior_no_gap)
     wrong = float(np.exp(-np.logaddexp(0.0, -log_odds)))
     return {"parameters": wrong, "no_gap": 1.0 - wrong}
 

@@ -195,7 +195,7 @@ class Predictions:
             problem = with_noise(self._problem, dispersion)
             cause = stacked_with_noise(problem, [stacked([m.column for m in hypothesis.members])], dispersion)
             beside = np.hstack([cause, background_with_noise(little, dispersion)])
-            retuning = Retuning(problem, Marginal(problem, extra=beside), beside)
+            retuning = Retuning(problem, Marginal(problem, extra=beside))
             self._retuned[hypothesis.effects] = (retuning.log_evidence, retuning.freed)
         log_evidence, freed = self._retuned[hypothesis.effects]
         return freed if log_evidence > gained else ()

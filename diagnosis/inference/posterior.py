@@ -139,7 +139,7 @@ def judge(
     beyond = beyond_catalogue(bench.forming, bench.nominal, bench.beyond, listed)
     of_strokes = with_mean_strokes(of_strokes, said, campaign.strokes, listed)
     nobodys = unnamed(bench.forming, beyond, of_strokes, beside)
-    retuning = Retuning(bench.problem, bench.nominal, bench.forming.small)
+    retuning = Retuning(bench.problem, bench.nominal)
     hypotheses = [*_without_effects(bench, retuning), *singles, *pairs]
     hypotheses.append(Hypothesis(other="unknown", log_evidence=max(nobodys.values())))
     known = {e.name: e for e in effects}

@@ -33,26 +33,23 @@ class Retuning:
     problem : LinearProblem
     nominal : Marginal
         With the numbers within their stated uncertainty, and all that else may be there.
-    extra : ndarray, shape (n, q), optional
-        Nuisance columns that `nominal` has beside those of the problem.
     """
 
-    def __init__(self, problem: LinearProblem, nominal: Marginal, extra: Floats | None = None) -> None:
-        self._problem, self._nominal, self._extra = problem, nominal, extra
+    def __init__(self, problem: LinearProblem, nominal: Marginal) -> None:
+        self._nominal = nominal
         scale = np.maximum(problem.wide_scale, problem.wide_if_less)
         wide = np.flatnonzero(scale > 1.0)
-        # Inner products of what widening adds to each number, of unit prior, and with the data.
-        own, moment = nominal.gram(problem.nuisance[:, wide] * np.sqrt(scale[wide] ** 2 - 1.0))
+        # Of what widening adds to each number, of unit prior: inner products, and with the data.
+        added = problem.nuisance[:, wide] * np.sqrt(scale[wide] ** 2 - 1.0)
+        own, moment = nominal.gram(added)
         kept = (problem.wide_scale[wide] > 1.0) | (moment < 0.0)
-        self._own, self._moment, wide = own[np.ix_(kept, kept)], moment[kept], wide[kept]
-        self._names = [problem.names[k] for k in wide]
-        self._scale = np.ones(len(scale))
-        self._scale[wide] = scale[wide]
+        self._own, self._moment, self._added = own[np.ix_(kept, kept)], moment[kept], added[:, kept]
+        self._names = [problem.names[k] for k in wide[kept]]
 
     @cached_property
     def wide(self) -> Marginal:
         """`nominal` with every number widened."""
-        return Marginal(self._problem, scale=self._scale, extra=self._extra)
+        return self._nominal.beside(self._added)
 
     @property
     def log_evidence(self) -> float:

@@ -200,7 +200,8 @@ class Sensors:
     zero_std_n : float
         Of the force's zero where its wander is read, and of its drift in 1000 s.
     bend_std_rad : float
-        Of each harmonic k, times k, of the angle that a displacement sensor reads between the ends of the stroke.
+        Of the angle that a displacement sensor reads between the ends of the stroke: of its first and second harmonic,
+        and of each further one k, times k.
     vibration_share : float
         Of the inertia force of the reciprocating mass: what the load cell may read of it.
     """
