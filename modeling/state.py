@@ -7,7 +7,7 @@ consecutive strokes averaged over the crank angle, or (1, n_times) for the start
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Literal
@@ -230,3 +230,14 @@ def angle_derivative(waves: Floats) -> Floats:
     spectrum = np.fft.rfft(waves, axis=-1)
     spectrum *= 1j * np.arange(spectrum.shape[-1])
     return np.fft.irfft(spectrum, n_points, axis=-1)
+
+
+def turned(state: State, wave_rad: Floats) -> State:
+    """State as it is if its angle is larger by a periodic wave, rad, of the angle's shape."""
+    faster = state.speed_rad_s * angle_derivative(wave_rad)
+    return replace(
+        state,
+        angle_rad=state.angle_rad + wave_rad,
+        speed_rad_s=state.speed_rad_s + faster,
+        acceleration_rad_s2=state.acceleration_rad_s2 + state.speed_rad_s * angle_derivative(faster),
+    )

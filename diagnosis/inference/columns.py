@@ -15,7 +15,7 @@ from sawbench.bench.recording import Floats
 from sawbench.bench.second_core import on_two_cores
 from sawbench.diagnosis.inference.linear_problem import LinearProblem, Part
 from sawbench.diagnosis.inference.marginal import side_by_side
-from sawbench.modeling.effects.effect import BACKGROUND_SHARE, Effect, TransferFunction
+from sawbench.modeling.effects.effect import Effect, TransferFunction
 from sawbench.modeling.effects.transfer import shown_through
 from sawbench.modeling.residuals import Baseline, Signature
 from sawbench.modeling.state import State
@@ -245,7 +245,7 @@ def little_of_each(problem: LinearProblem, columns: Mapping[str, Sequence[Column
 
 def _little_of_any_form(entries: Sequence[Column]) -> Floats:
     """Principal axes of a little of an effect, whose form is any of some, but for what noise hides, shape (n, q)."""
-    share = BACKGROUND_SHARE / np.sqrt(len(entries))
+    share = entries[0].effect.background_share / np.sqrt(len(entries))
     each = share * side_by_side([column.columns for column in entries], len(entries[0].columns))
     energy, axes = np.linalg.eigh(each.T @ each)
     return each @ axes[:, np.cumsum(energy) > _HIDDEN]

@@ -21,7 +21,9 @@ from sawbench.diagnosis.inference.linear_problem import LinearProblem
 from sawbench.diagnosis.inference.marginal import Marginal
 
 
-def noise_factor(problem: LinearProblem, catalogue: Catalogue, beyond: Catalogue) -> Floats:
+def noise_factor(
+    problem: LinearProblem, catalogue: Catalogue, beyond: Catalogue, nuisances: Marginal | None = None
+) -> Floats:  # fmt: skip
     """Factor on the noise's variance of every feature.
 
     Parameters
@@ -30,6 +32,8 @@ def noise_factor(problem: LinearProblem, catalogue: Catalogue, beyond: Catalogue
     catalogue, beyond : Catalogue
         Effects of the catalogue, and causes that have a form but no place there. A little of these is in any bench, but
         not known well enough to trust the equations in which it shows: what it moves counts as noise.
+    nuisances : Marginal, optional
+        Those of the problem, and what else every bench has; without it those of the problem.
 
     Returns
     -------
@@ -37,7 +41,7 @@ def noise_factor(problem: LinearProblem, catalogue: Catalogue, beyond: Catalogue
         1 where the best effect and the best one of the catalogue beside it leave no more than an intact machine does;
         the same within an equation, while the machine runs and while it starts.
     """
-    return _factor(problem, _rest_of_two(problem, catalogue, beyond))
+    return _factor(problem, _rest_of_two(problem, nuisances or Marginal(problem), catalogue, beyond))
 
 
 def noise_factor_beside(problem: LinearProblem, given: Floats, *, scale: Floats | None = None) -> Floats:
@@ -67,12 +71,11 @@ def _alike(problem: LinearProblem) -> list[np.ndarray]:
     return found
 
 
-def _rest_of_two(problem: LinearProblem, catalogue: Catalogue, beyond: Catalogue) -> Floats:
+def _rest_of_two(problem: LinearProblem, marginal: Marginal, catalogue: Catalogue, beyond: Catalogue) -> Floats:
     """What the nuisances and two effects leave, each of any size.
 
     The second is the best beside the first, or one of a sensor's that shows the first as its distorted form says.
     """
-    marginal = Marginal(problem)
     half = marginal.half(catalogue.stacked)
     first = _most_gain([*catalogue.explain(marginal, half).values(), *beyond.explain(marginal).values()])
     given = _of_any_size(problem, first)

@@ -49,7 +49,7 @@ def with_the_form_that_shows(
     for name, entries in columns.items():
         if not entries or not entries[0].effect.is_at_one_place:
             continue
-        forms = [BACKGROUND_SHARE * column.columns for column in forms_beside(entries)]
+        forms = [column.effect.background_share * column.columns for column in forms_beside(entries)]
         scaled = [form / variance[:, None] for form in forms]
         chosen = {at for at in (_that_shows(marginal, scaled) for marginal in beside) if at is not None}
         found[name] = np.hstack([little[name], *(_lacking(forms[at], little[name]) for at in sorted(chosen))])

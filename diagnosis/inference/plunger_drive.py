@@ -58,13 +58,21 @@ def plunger_drive_nuisances() -> Iterator[Nuisance]:
 
 def _seen(baseline: Baseline, state: State, *, behind: _Behind, n_harmonics: int) -> Signature:
     """By a plunger that is behind by that for the mean force with which the pin pushes it up the angle."""
-    if state.kind != "running" or state.force_n is None or not is_angle_known(state):
+    pushed_n = pushing_force(baseline, state)
+    if pushed_n is None:
         return {}
-    inertia_n = baseline.plant.reciprocating_mass_kg.nominal * plunger_acceleration(baseline.mechanism, state)
-    pushed_n = np.mean(inertia_n + baseline.cutting_sign * state.force_n, axis=0)
-    ahead_rad = wave_seen(baseline.mechanism, state.angle_rad[0], behind(baseline, state, pushed_n), n_harmonics)
+    off_m = behind(baseline, state, np.mean(pushed_n, axis=0))
+    ahead_rad = wave_seen(baseline.mechanism, state.angle_rad[0], off_m, n_harmonics)
     speed = baseline.gear * state.speed_rad_s * angle_derivative(ahead_rad)
     return motor_ahead(baseline, speed, state.speed_rad_s * angle_derivative(speed))
+
+
+def pushing_force(baseline: Baseline, state: State) -> Floats | None:
+    """Force with which the pin pushes the plunger up the angle, N, (n_units, n_points); None where it is not known."""
+    if state.kind != "running" or state.force_n is None or not is_angle_known(state):
+        return None
+    inertia_n = baseline.plant.reciprocating_mass_kg.nominal * plunger_acceleration(baseline.mechanism, state)
+    return inertia_n + baseline.cutting_sign * state.force_n
 
 
 def _across(baseline: Baseline, state: State, pushed_n: Floats, *, clearance_m: float) -> Floats:

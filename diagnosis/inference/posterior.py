@@ -21,6 +21,7 @@ from sawbench.diagnosis.inference.left_over import left_by, left_over
 from sawbench.diagnosis.inference.linear_problem import LinearProblem
 from sawbench.diagnosis.inference.marginal import Marginal
 from sawbench.diagnosis.inference.one_form import with_the_form_that_shows
+from sawbench.diagnosis.inference.ordinary_modes import ordinary_modes
 from sawbench.diagnosis.inference.retuning import Retuning
 from sawbench.diagnosis.inference.size import together
 from sawbench.diagnosis.inference.stroke_evidence import (
@@ -185,12 +186,15 @@ class _Bench:
 def _bench_of(problem: LinearProblem, as_measured: dict[str, list[Column]]) -> _Bench:
     little, columns = little_of_each(problem, as_measured), as_measured
     beyond = catalogue_columns(problem, problem.campaign.plant.beyond_catalogue)
+    ordinary = ordinary_modes(problem, beyond, little)
     catalogue = Catalogue(columns, problem.data)
-    dispersion = noise_factor(problem, catalogue, Catalogue(beyond, problem.data))
+    nuisances = Marginal(problem, extra=background_with_noise(ordinary, np.ones(len(problem.data))))
+    dispersion = noise_factor(problem, catalogue, Catalogue(beyond, problem.data), nuisances)
     if dispersion.max() > 1.0:
         problem = with_noise(problem, dispersion)
         columns, beyond = (columns_with_noise(problem, found, dispersion) for found in (columns, beyond))
         catalogue = Catalogue(columns, problem.data)
+    little |= ordinary
     little = with_the_form_that_shows(little, as_measured, dispersion, _beside(problem, catalogue, little, dispersion))
     small = background_with_noise(little, dispersion)
     nominal = Marginal(problem, extra=small)

@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 from sawbench.bench.recording import Floats
 from sawbench.modeling.effects.effect import Effect, Prepared, Strength, TransferFunction, Words
-from sawbench.modeling.effects.transfer import Spectrum, force_reading
+from sawbench.modeling.effects.transfer import Spectrum, force_reading, resonance
 from sawbench.modeling.residuals import Baseline, Signature
 from sawbench.modeling.state import State
 
@@ -41,7 +41,7 @@ def _prepared(baseline: Baseline, state: State) -> Callable[..., tuple[Signature
 
 def _modes(frequency_hz: float, damping: float, upper: float) -> list[TransferFunction]:
     places = (frequency_hz, frequency_hz * upper) if upper else (frequency_hz,)
-    return [partial(_transfer, place, damping) for place in places]
+    return [partial(resonance, place, damping) for place in places]
 
 
 def _distorts(
@@ -53,11 +53,6 @@ def _distorts(
         return 1.0 + sum(share * (mode(f) - 1.0) for share, mode in zip(coefficients, modes, strict=True))
 
     return {"cutting": of_force}
-
-
-def _transfer(frequency_hz: float, damping: float, f: Floats) -> NDArray[np.complexfloating]:
-    ratio = f / frequency_hz
-    return 1.0 / (1.0 - ratio**2 + 2j * damping * ratio)
 
 
 EFFECT = Effect(

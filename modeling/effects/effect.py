@@ -177,7 +177,8 @@ class Effect:
         What an experiment must vary to tell it from those.
     background : tuple of (shape, float), optional
         Shapes that stand for a little of it, each with its standard deviation as a multiple of the typical size;
-        without them `BACKGROUND_SHARE` of it, in any of its shapes.
+        without them `background_share` of it, in any of its shapes.
+    background_share : float
     is_at_one_place : bool
         A machine has it at one place of a wide range, such as a frequency: a little of it is a little of one shape.
     combine : callable, optional
@@ -229,6 +230,7 @@ class Effect:
     confused_with: tuple[str, ...] = ()
     told_apart_by: str = ""
     background: tuple[tuple[dict[str, float], float], ...] | None = None
+    background_share: float = BACKGROUND_SHARE
     is_at_one_place: bool = False
     combine: Callable[..., Signature] | None = None
     size_of: Callable[[Floats], float] | None = None

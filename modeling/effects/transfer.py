@@ -107,6 +107,12 @@ def low_pass(tau_s: float, damping: float = 0.0) -> TransferFunction:
     return lambda f: 1.0 / (1.0 + 2j * np.pi * f * tau_s - (2.0 * np.pi * f / natural_rad_s) ** 2)
 
 
+def resonance(natural_hz: float, damping: float, f: Floats) -> Complexes:
+    """What a mass on a spring makes of a force at frequencies `f`, in Hz, over what it makes of a slow one."""
+    ratio = f / natural_hz
+    return 1.0 / (1.0 - ratio**2 + 2j * damping * ratio)
+
+
 def average(period_s: float) -> TransferFunction:
     """Mean over a time about each moment: nothing is late."""
     return lambda f: np.sinc(f * period_s).astype(np.complex128)

@@ -23,7 +23,7 @@ from sawbench.modeling.effects.effect import BACKGROUND_SHARE, Effect, Strength,
 from sawbench.modeling.effects.friction import direction, through_play
 from sawbench.modeling.parts.mechanism import Mechanism
 from sawbench.modeling.residuals import Baseline, Signature, residuals
-from sawbench.modeling.state import State, angle_derivative
+from sawbench.modeling.state import State, turned
 
 if TYPE_CHECKING:
     from sawbench.modeling.machines.linear_axis import AxisBaseline, AxisState
@@ -99,23 +99,9 @@ def swing(baseline: Baseline, state: State, deviation_rad: Floats) -> Signature:
 
     The plunger is where the sensor sees it, and the cut goes with its velocity: no gap of the cutting law.
     """
-    excess_speed = state.speed_rad_s * angle_derivative(deviation_rad)
-    excess_acceleration = state.speed_rad_s * angle_derivative(excess_speed)
-
-    def moved(sign: float) -> State:
-        return replace(
-            state,
-            angle_rad=state.angle_rad + sign * _STEP * deviation_rad,
-            speed_rad_s=state.speed_rad_s + sign * _STEP * excess_speed,
-            acceleration_rad_s2=state.acceleration_rad_s2 + sign * _STEP * excess_acceleration,
-        )
-
-    read_larger, read_smaller = moved(1.0), moved(-1.0)
+    read_larger, read_smaller = turned(state, _STEP * deviation_rad), turned(state, -_STEP * deviation_rad)
     up, down = residuals(baseline, read_larger), residuals(baseline, read_smaller)
-    found: Signature = {
-        name: (up[name] - down[name]) / (2.0 * _STEP) for name in ("electrical", "mechanical") if name in up
-    }
-    return found
+    return {name: (up[name] - down[name]) / (2.0 * _STEP) for name in ("electrical", "mechanical") if name in up}
 
 
 def _axis_signature(

@@ -23,6 +23,7 @@ from sawbench.diagnosis.inference.beyond.drive import (
     YIELDING_TRANSMISSION,
 )
 from sawbench.diagnosis.inference.beyond.sensing import BENT_READING, CREEPING_ZERO, CROSSTALK
+from sawbench.diagnosis.inference.beyond.sensor_mount import SENSOR_MOUNT
 from sawbench.diagnosis.inference.beyond.supply import ANOTHER_DISCHARGE
 from sawbench.modeling.effects.effect import Effect
 
@@ -31,6 +32,7 @@ BEYOND_CATALOGUE: Final[tuple[Effect, ...]] = (
     BENT_READING,
     CREEPING_ZERO,
     CROSSTALK,
+    SENSOR_MOUNT,
     PINCHING_KERF,
     UNEVEN_CUT,
     WARMING_FRICTION,

@@ -1,0 +1,79 @@
+"""What holds the displacement sensor: it yields to the force that moves the plunger, and rings.
+
+Saw, clamp and sensor are pushed back by what moves the plunger and by the force of the cut. What moves the sensor
+against the saw adds to its reading, as a mass on a spring does: slow forces move it as they move a plunger that yields
+(`diagnosis.inference.plunger_drive`), and near its own frequency it moves many times as far. The angle is told from the
+displacement, so that the crank seems to turn unevenly. A mode of a mass as that of a saw is ordinary.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Final
+
+import numpy as np
+from sawbench.bench.recording import Floats
+from sawbench.diagnosis.inference.plunger_drive import pushing_force
+from sawbench.modeling.effects.effect import Effect, Prepared, Strength
+from sawbench.modeling.effects.transfer import Spectrum, resonance
+from sawbench.modeling.residuals import Baseline, Signature, residuals
+from sawbench.modeling.state import State, turned
+from sawbench.processing.stroke_ripple import N_RIPPLE, wave_seen
+
+# Assumed: the mass of a jigsaw. Lighter parts that ring are stiffer.
+_MASS_KG: Final = 2.5
+# Harmonics of the angle that a noisy displacement shows, and a quiet one.
+_HARMONICS: Final = (N_RIPPLE, 2 * N_RIPPLE)
+_STEP: Final = 1e-4
+
+
+def _prepared(baseline: Baseline, state: State) -> Callable[..., tuple[Signature, ...]]:
+    pushed_n = pushing_force(baseline, state)
+    if pushed_n is None:
+        return lambda **shape: ({},)
+    pushed, angle_rad = Spectrum(pushed_n, state), state.angle_rad[0]
+    waves = np.concatenate([f(np.outer(np.arange(1, max(_HARMONICS) + 1), angle_rad)) for f in (np.cos, np.sin)])
+    of_each = [_read_off(baseline, state, np.broadcast_to(wave, state.angle_rad.shape)) for wave in waves]
+    of_waves: Signature = {name: np.stack([one[name] for one in of_each]) for name in of_each[0]}
+
+    def signature(frequency_hz: float, damping: float, harmonics: float) -> tuple[Signature, ...]:
+        rings_n = pushed.through(lambda f: resonance(frequency_hz, damping, f)) - pushed_n
+        off_m = -np.mean(rings_n, axis=0) / (_MASS_KG * (2.0 * np.pi * frequency_hz) ** 2)
+        off_rad = wave_seen(baseline.mechanism, angle_rad, off_m, int(harmonics))
+        sizes = waves @ off_rad * 2.0 / len(off_rad)
+        return ({name: np.tensordot(sizes, of_wave, axes=1) for name, of_wave in of_waves.items()},)
+
+    return signature
+
+
+def _read_off(baseline: Baseline, state: State, wave_rad: Floats) -> Signature:
+    """Change of the residuals for an angle that is read too large by a periodic wave, per radian of it."""
+    read_larger, read_smaller = turned(state, _STEP * wave_rad), turned(state, -_STEP * wave_rad)
+    up, down = residuals(baseline, read_larger), residuals(baseline, read_smaller)
+    found: Signature = {
+        name: (up[name] - down[name]) / (2.0 * _STEP) for name in ("electrical", "mechanical") if name in up
+    }
+    if not state.setting.is_idle:
+        expected_n = baseline.expected_force(read_smaller) - baseline.expected_force(read_larger)
+        found["cutting"] = expected_n / (2.0 * _STEP)
+    return found
+
+
+SENSOR_MOUNT = Effect(
+    name="displacement sensor whose mount rings",
+    place="sensing",
+    equation="x - c (resonance of m x'' + F, less that itself)",
+    strength=Strength(name="share", unit="1", typical=1.0, low=0.1, high=10.0, source="assumed"),
+    signature=Prepared(_prepared),
+    shapes=tuple(
+        {"frequency_hz": float(f), "damping": z, "harmonics": float(n)}
+        for f in np.geomspace(100.0, 1000.0, 60)
+        for z in (0.01, 0.03)
+        for n in _HARMONICS
+    ),
+    continuous=("frequency_hz", "damping"),
+    needs=("force_n",),
+    is_pointwise=False,
+    is_at_one_place=True,
+    background_share=1.0,
+)
