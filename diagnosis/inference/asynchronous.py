@@ -15,7 +15,7 @@ from typing import Final, Literal
 import numpy as np
 from sawbench.bench.recording import Floats
 from sawbench.bench.units import BATTERY_CURRENT, CHANNEL_BY_NAME, ELECTRICAL, FORCE, MOTOR_CURRENT
-from sawbench.diagnosis.inference.commutation import is_commutation
+from sawbench.diagnosis.inference.commutation import is_commutation, is_switching
 from sawbench.diagnosis.inference.features import HARMONICS
 from sawbench.diagnosis.inference.off_stroke import MAINS_HZ, MULTIPLES, OffStroke
 from sawbench.diagnosis.inference.peaks import Peak
@@ -108,6 +108,8 @@ def _common_lines(trials: Sequence[OffStroke], turns_a_stroke: float | None) -> 
                     ordinary += [peak for _, peak in line]
                     line = common_line(group, lock, name, besides=ordinary)
                 if not line or (lock == "stroke" and _is_any_of(of_sensors, name, line)):
+                    continue
+                if lock == "time" and is_switching(trials, name, line):
                     continue
                 if _is_not_the_wood(line, lock) and _is_no_pickup(group, lock, name, line):
                     yield _line_finding(group, lock, name, line)

@@ -50,5 +50,21 @@ def is_commutation(
     if times_a_turn < 1 or np.any(off > np.maximum(_NUMBERS.same_place * orders, 1.5 * widths)):
         return False
     most = _NUMBERS.ripple_of_bars if times_a_turn >= _FEWEST_BARS else _NUMBERS.ripple_of_armature
+    return _is_below(most, trials, name, line)
+
+
+def is_switching(trials: Sequence[OffStroke], name: str, line: Sequence[tuple[OffStroke, Peak]]) -> bool:
+    """Whether a line at a fixed frequency is what a converter's switching leaves, which sampling may place anywhere.
+
+    Parameters
+    ----------
+    trials, name, line
+        As for `is_commutation`.
+    """
+    return name in ELECTRICAL and _is_below(_NUMBERS.ripple_of_converter, trials, name, line)
+
+
+def _is_below(share: float, trials: Sequence[OffStroke], name: str, line: Sequence[tuple[OffStroke, Peak]]) -> bool:
+    """Whether the amplitude of a line is less than a share of the largest mean of its channel."""
     largest = max(trial.level.get(name, 0.0) for trial in trials)
-    return float(np.median([peak.amplitude for _, peak in line])) < most * largest
+    return float(np.median([peak.amplitude for _, peak in line])) < share * largest

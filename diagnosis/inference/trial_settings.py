@@ -155,6 +155,10 @@ class OffStroke:
     ripple_of_bars, ripple_of_armature : float
         What every commutator leaves in a current as its bars pass, and at each turn or half turn: share of the largest
         mean.
+    ripple_of_converter : float
+        The same of what its switching leaves at a fixed frequency.
+    unsteady_friction : float
+        Standard deviation of the friction in air from a few strokes to the next: share of the torque of the usual cut.
     strike : float
         Robust deviations by which a cell of the crank angle and a neighbour are off: a stray value is shorter.
     least_struck : float
@@ -186,6 +190,8 @@ class OffStroke:
     most_per_trial: float = marked(20.0, "convention", "no single trial names a cause: one in e^20")
     ripple_of_bars: float = marked(0.05, "convention", "1/k^2 of the back-EMF with k = 5, and the current not less")
     ripple_of_armature: float = marked(0.01, "convention", "windings of one machine are alike to a per cent")
+    ripple_of_converter: float = marked(0.01, "convention", "of a ripple of ten per cent a filter leaves a tenth")
+    unsteady_friction: float = marked(0.05, "convention", "brushes, grease and bearings; a twentieth, as of any effect")
     strike: float = marked(8.0, "convention", "no scatter reaches it, nor do heavy tails twice in a row")
     least_struck: float = marked(0.3, "convention", "a third of what is asynchronous")
     least_picked_up: float = marked(0.03, "convention", "ten times below what a machine is blamed for")

@@ -7,7 +7,8 @@ and a zero that may wander by as much as it is stated to be uncertain. A duty is
 What varies beyond is the machine's: a contact that is loose, a duty that is not the one stated.
 
 The torques balance in every stroke too, but all that the machine does to them goes with the current. In air there is no
-load to vary: what is left there is a friction that does not stay what it is.
+load to vary: what is left there is a friction that does not stay what it is. That of brushes, grease and bearings never
+does; what is more than a twentieth of the torque of the usual cut is no such friction.
 """
 
 from __future__ import annotations
@@ -161,7 +162,7 @@ def _trial(problem: LinearProblem, part: Part, balance: _Balance, wave: Floats, 
     return _Trial(
         rest=rows[:, 0], beside=rows[:, 1:], is_idle=state.setting.is_idle,
         allowed=_by_sensors(problem, state, balance.equation) + _by_duty(problem, state, balance.equation)
-        + float(rounding),
+        + _by_friction(problem, balance) + float(rounding),
     )  # fmt: skip
 
 
@@ -170,6 +171,13 @@ def _by_duty(problem: LinearProblem, state: State, equation: Equation) -> float:
     times_duty = {"electrical": state.battery_voltage_v, "converter": state.current_a}.get(equation)
     off_by = problem.settings.sensors.mean_voltage_share["electrical"]
     return 0.0 if times_duty is None else (off_by * float(times_duty.mean())) ** 2
+
+
+def _by_friction(problem: LinearProblem, balance: _Balance) -> float:
+    """Variance of the balance in air by a friction that is ordinary and not steady."""
+    if not balance.is_in_air:
+        return 0.0
+    return (_NUMBERS.unsteady_friction * problem.campaign.plant.model.load.torque_n_m) ** 2
 
 
 def _by_sensors(problem: LinearProblem, state: State, equation: Equation) -> float:
@@ -241,7 +249,7 @@ def _without(rows: Floats, design: Floats) -> Floats:
 
 _CONTACT: Final = "more than currents and sensors explain: a loose contact or a duty that is not as stated"
 _DRAWS: Final = "more than currents and sensors explain: another load of the battery, or a duty that is not as stated"
-_DRAGS: Final = "more than sensors explain: something drags or seizes now and then, such as a bearing"
+_DRAGS: Final = "more than friction that is never steady: something drags or seizes now and then, such as a bearing"
 _BALANCES: Final = (
     _Balance(equation="electrical", name="the balance of voltages at the motor", why=_CONTACT, beside=_of_motor),
     _Balance(
