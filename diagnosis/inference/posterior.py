@@ -20,7 +20,7 @@ from sawbench.diagnosis.inference.hypothesis import Hypothesis, Verdict
 from sawbench.diagnosis.inference.left_over import left_by, left_over
 from sawbench.diagnosis.inference.linear_problem import LinearProblem
 from sawbench.diagnosis.inference.marginal import Marginal
-from sawbench.diagnosis.inference.one_form import with_the_form_that_shows
+from sawbench.diagnosis.inference.one_form import lacking_of_forms_that_show
 from sawbench.diagnosis.inference.retuning import Retuning
 from sawbench.diagnosis.inference.size import together
 from sawbench.diagnosis.inference.stroke_evidence import (
@@ -123,17 +123,21 @@ def judge(
     campaign, settings = problem.campaign, problem.settings
     plant, effects = campaign.plant, campaign.plant.effects
 
-    def bench_with_background() -> tuple[_Bench]:
-        return (_bench_of(problem, columns),)
-
     def beside_mean_strokes() -> tuple[Any, ...]:
         asynchronous = [*off_stroke_findings(campaign.off_stroke, plant.turns_a_cycle), *unsteady_balances(problem)]
         beside = max(asynchronous, key=lambda finding: finding.log_evidence, default=None)
         return *strokes_say(effects, campaign.states, campaign.strokes, settings, plant.known), beside
 
     # This process takes the first one, whose result is large.
-    parts: list[Callable[[], tuple[Any, ...]]] = [bench_with_background, beside_mean_strokes]
-    (bench,), (said, of_strokes, beside) = on_two_cores(operator.call, parts, known=effects)
+    parts: list[Callable[[], Any]] = [
+        lambda: Catalogue(columns, problem.data),
+        lambda: little_of_each(problem, columns),
+        lambda: catalogue_columns(problem, plant.beyond_catalogue),
+        beside_mean_strokes,
+    ]
+    known = (*effects, *plant.beyond_catalogue)
+    catalogue, little, laws, (said, of_strokes, beside) = on_two_cores(operator.call, parts, known=known)
+    bench = _bench_of(problem, catalogue, little, laws)
     singles, pairs = _singles_and_pairs(bench)
     listed = {h.name: h.log_evidence for h in singles}
     beyond = beyond_catalogue(bench.forming, bench.nominal, bench.beyond, listed)
@@ -142,9 +146,9 @@ def judge(
     retuning = Retuning(bench.problem, bench.nominal)
     hypotheses = [*_without_effects(bench, retuning), *singles, *pairs]
     hypotheses.append(Hypothesis(other="unknown", log_evidence=max(nobodys.values())))
-    known = {e.name: e for e in effects}
+    by_name = {e.name: e for e in effects}
     for one in said.values():
-        hypotheses = with_strokes(hypotheses, one, known, settings)
+        hypotheses = with_strokes(hypotheses, one, by_name, settings)
     resting, gap = [_resting(bench, h, said) for h in hypotheses], None
     if plant.known and are_known_certain:
         beside_known = BesideKnown(bench.problem, bench.dispersion, bench.forming.small)
@@ -170,46 +174,47 @@ def judge(
 class _Bench:
     """A problem whose noise is scaled to the residual of the best effects, and what is weighed on it.
 
-    `little` is of the background effects, as measured: by name, shape (n, q).
+    `little` is of the background effects, as measured: by name, shape (n, q). `half` is what `nominal` takes up of the
+    catalogue.
     """
 
     problem: LinearProblem
     dispersion: Floats
     catalogue: Catalogue
     beyond: dict[str, list[Column]]
-    little: Mapping[str, Floats]
+    little: dict[str, Floats]
     nominal: Marginal
+    half: Floats
     forming: Forming
 
 
-def _bench_of(problem: LinearProblem, as_measured: dict[str, list[Column]]) -> _Bench:
-    little, columns = little_of_each(problem, as_measured), as_measured
-    beyond = catalogue_columns(problem, problem.campaign.plant.beyond_catalogue)
-    catalogue = Catalogue(columns, problem.data)
+def _bench_of(
+    problem: LinearProblem, catalogue: Catalogue, little: dict[str, Floats], beyond: dict[str, list[Column]]
+) -> _Bench:
+    """Scale the noise to what the best effects leave, and add to the background the forms that show."""
+    as_measured = catalogue.columns
     dispersion = noise_factor(problem, catalogue, Catalogue(beyond, problem.data))
     if dispersion.max() > 1.0:
         problem = with_noise(problem, dispersion)
-        columns, beyond = (columns_with_noise(problem, found, dispersion) for found in (columns, beyond))
+        columns, beyond = (columns_with_noise(problem, found, dispersion) for found in (as_measured, beyond))
         catalogue = Catalogue(columns, problem.data)
-    little = with_the_form_that_shows(little, as_measured, dispersion, _beside(problem, catalogue, little, dispersion))
     small = background_with_noise(little, dispersion)
     nominal = Marginal(problem, extra=small)
-    forming = Forming(problem, small, nominal, dispersion)
+    half = nominal.half(catalogue.stacked)
+    rough = sorted(catalogue.explain(nominal, half).values(), key=lambda e: -e.log_evidence)
+    likeliest = [nominal.beside(e.column.of_any_size) for e in rough[: problem.settings.forms.n_first]]
+    wide = Marginal(problem, scale=problem.wide_scale, extra=small)
+    # What shows beside no effect, beside each of the likeliest, and where the plant's numbers are wrong.
+    lacking = lacking_of_forms_that_show(little, as_measured, dispersion, [[nominal, *likeliest], [wide]])
+    if lacking:
+        nominal = nominal.beside(background_with_noise(lacking, dispersion))
+        half = nominal.half(catalogue.stacked, half)
+        little = little | {name: np.hstack([little[name], found]) for name, found in lacking.items()}
+    forming = Forming(problem, background_with_noise(little, dispersion), nominal, dispersion)
     return _Bench(
         problem=problem, dispersion=dispersion, catalogue=catalogue, beyond=beyond, little=little, nominal=nominal,
-        forming=forming,
+        half=half, forming=forming,
     )  # fmt: skip
-
-
-def _beside(
-    problem: LinearProblem, catalogue: Catalogue, little: Mapping[str, Floats], dispersion: Floats
-) -> list[Marginal]:
-    """Beside what a little of an effect may show: no effect, wrong parameters, each of the likeliest effects."""
-    small = background_with_noise(little, dispersion)
-    nominal = Marginal(problem, extra=small)
-    rough = sorted(catalogue.explain(nominal).values(), key=lambda e: -e.log_evidence)
-    likeliest = [nominal.beside(e.column.of_any_size) for e in rough[: problem.settings.forms.n_first]]
-    return [nominal, Marginal(problem, scale=problem.wide_scale, extra=small), *likeliest]
 
 
 def _without_effects(bench: _Bench, retuning: Retuning) -> list[Hypothesis]:
@@ -229,8 +234,7 @@ def _without_effects(bench: _Bench, retuning: Retuning) -> list[Hypothesis]:
 def _singles_and_pairs(bench: _Bench) -> tuple[list[Hypothesis], list[Hypothesis]]:
     """Weigh every effect, the best ones with what their forms may miss, and pairs of these with any other."""
     numbers, catalogue = bench.problem.settings.forms, bench.catalogue
-    half = bench.nominal.half(catalogue.stacked)
-    rough = sorted(catalogue.explain(bench.nominal, half).values(), key=lambda e: -e.log_evidence)
+    rough = sorted(catalogue.explain(bench.nominal, bench.half).values(), key=lambda e: -e.log_evidence)
     formed = on_two_cores(
         lambda e: bench.forming.single(e, forms_beside(catalogue.columns[e.effect.name])), rough[: numbers.n_formed],
         known=known_parts(catalogue.columns),
@@ -246,7 +250,7 @@ def _singles_and_pairs(bench: _Bench) -> tuple[list[Hypothesis], list[Hypothesis
         for e in explanations
     ]  # fmt: skip
     alone = {h.name: h.left_over for h in singles}
-    pairs = bench.forming.pairs(formed[: numbers.n_first], catalogue, half)
+    pairs = bench.forming.pairs(formed[: numbers.n_first], catalogue, bench.half)
     return singles, [_leaving_no_more(h, alone) for h in pairs]
 
 
