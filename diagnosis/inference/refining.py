@@ -7,6 +7,7 @@ nearest form leaves is larger than another effect, which would then be claimed b
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from functools import cached_property
 from typing import Final, Protocol, TypeVar
 
 import numpy as np
@@ -33,63 +34,105 @@ _SAME: Final = 0.1
 _DIFFERENCE: Final = 1e-3
 
 
-def refined(problem: LinearProblem, columns: Mapping[str, Sequence[Column]]) -> dict[str, list[Column]]:
-    """Add to the effects that explain most the forms between those of the catalogue that explain more.
-
-    Alone, and beside each other: the best form of an effect alone also stands for what another one explains.
+class WeighedAlone:
+    """Columns of effects, and what each effect explains with the nuisances alone: worked out once, when asked for.
 
     Parameters
     ----------
     problem : LinearProblem
     columns : mapping of str to sequence of Column
         Of `catalogue_columns`.
+    marginal : Marginal, optional
+        Of the problem, where it is there already.
+
+    Attributes
+    ----------
+    problem : LinearProblem
+    marginal : Marginal
+    catalogue : Catalogue
+    """
+
+    def __init__(
+        self, problem: LinearProblem, columns: Mapping[str, Sequence[Column]], marginal: Marginal | None = None
+    ) -> None:  # fmt: skip
+        self.problem, self.marginal = problem, Marginal(problem) if marginal is None else marginal
+        self.catalogue = Catalogue({name: list(entries) for name, entries in columns.items()}, problem.data)
+
+    @cached_property
+    def half(self) -> Floats:
+        """`Marginal.half` of the columns."""
+        return self.marginal.half(self.catalogue.stacked)
+
+    @cached_property
+    def best(self) -> list[Explanation]:
+        """Effects whose form matters, most evidence first."""
+        found = self.catalogue.explain(self.marginal, self.half)
+        return worth_it(found, self.problem.settings.forms.worth_forming)
+
+    @cached_property
+    def likeliest_pairs(self) -> list[tuple[Explanation, Explanation]]:
+        """Each of the best effects with what explains more beside it, by their log evidence, most of it first."""
+        forms = self.problem.settings.forms
+        firsts = self.best[: forms.n_first]
+        pairs: dict[frozenset[str], tuple[float, Explanation, Explanation]] = {}
+
+        def seconds_of(first: Explanation) -> list[Explanation]:
+            given = self.marginal.beside(first.column.of_any_size)
+            found = self.catalogue.explain(given, given.half(self.catalogue.stacked, self.half))
+            return worth_it(found, forms.worth_forming)
+
+        beside = on_two_cores(seconds_of, firsts, known=known_parts(self.catalogue.columns))
+        for first, seconds in zip(firsts, beside, strict=True):
+            for second in seconds:
+                names = frozenset((first.effect.name, second.effect.name))
+                total = first.log_evidence + second.log_evidence
+                if len(names) == 2 and total > pairs.get(names, (-np.inf,))[0]:
+                    pairs[names] = (total, first, second)
+        best = sorted(pairs.values(), key=lambda pair: -pair[0])[: forms.n_pairs]
+        return [(first, second) for _, first, second in best]
+
+    def with_forms(self, further: Sequence[Column]) -> WeighedAlone:
+        """The same with further forms of its effects; itself, where it has them all."""
+        columns = {name: list(entries) for name, entries in self.catalogue.columns.items()}
+        for column in further:
+            if not any(column.is_form_of(known) for known in columns[column.effect.name]):
+                columns[column.effect.name].append(column)
+        has_all = all(len(entries) == len(columns[name]) for name, entries in self.catalogue.columns.items())
+        return self if has_all else WeighedAlone(self.problem, columns, self.marginal)
+
+
+def refined(weighed: WeighedAlone) -> WeighedAlone:
+    """Add to the effects that explain most the forms between those of the catalogue that explain more.
+
+    Alone, and beside each other: the best form of an effect alone also stands for what another one explains.
+
+    Parameters
+    ----------
+    weighed : WeighedAlone
+        With the forms of the catalogue.
 
     Returns
     -------
-    dict of str to list of Column
-        As given; one column more for each better form that was found.
+    WeighedAlone
+        One column more for each better form that was found.
     """
-    forms, marginal = problem.settings.forms, Marginal(problem)
-    out = {name: list(entries) for name, entries in columns.items()}
-    alone = worth_it(Catalogue(out, problem.data).explain(marginal), forms.worth_forming)
-    best = [e for e in alone if e.effect.continuous][: forms.n_first]
-    known = known_parts(out)
-    for column in on_two_cores(lambda e: _between(problem, marginal, e, out[e.effect.name]), best, known=known):
-        add_form(out, column)
-    for column in _refined_beside(problem, marginal, Catalogue(out, problem.data)):
-        add_form(out, column)
-    return out
+    problem, columns = weighed.problem, weighed.catalogue.columns
+    best = [e for e in weighed.best if e.effect.continuous][: problem.settings.forms.n_first]
+    found = on_two_cores(
+        lambda e: _between(problem, weighed.marginal, e, columns[e.effect.name]), best, known=known_parts(columns)
+    )
+    weighed = weighed.with_forms(found)
+    return weighed.with_forms(_refined_beside(weighed))
 
 
-def _refined_beside(problem: LinearProblem, marginal: Marginal, catalogue: Catalogue) -> list[Column]:
+def _refined_beside(weighed: WeighedAlone) -> list[Column]:
     """Better forms of the likeliest pairs."""
-    best, known = likeliest_pairs(problem, marginal, catalogue), known_parts(catalogue.columns)
-    both = on_two_cores(lambda pair: _between_both(problem, marginal, catalogue, *pair), best, known=known)
+    problem, marginal, catalogue = weighed.problem, weighed.marginal, weighed.catalogue
+    both = on_two_cores(
+        lambda pair: _between_both(problem, marginal, catalogue, *pair), weighed.likeliest_pairs,
+        known=known_parts(catalogue.columns),
+    )  # fmt: skip
     return [column for pair in both for column in pair]
-
-
-def likeliest_pairs(
-    problem: LinearProblem, marginal: Marginal, catalogue: Catalogue
-) -> list[tuple[Explanation, Explanation]]:
-    """Each of the best effects alone with what explains more beside it, by their log evidence, most of it first."""
-    forms, half = problem.settings.forms, marginal.half(catalogue.stacked)
-    firsts = worth_it(catalogue.explain(marginal, half), forms.worth_forming)[: forms.n_first]
-    pairs: dict[frozenset[str], tuple[float, Explanation, Explanation]] = {}
-
-    def seconds_of(first: Explanation) -> list[Explanation]:
-        given = marginal.beside(first.column.of_any_size)
-        found = catalogue.explain(given, given.half(catalogue.stacked, half))
-        return worth_it(found, forms.worth_forming)
-
-    beside = on_two_cores(seconds_of, firsts, known=known_parts(catalogue.columns))
-    for first, seconds in zip(firsts, beside, strict=True):
-        for second in seconds:
-            names = frozenset((first.effect.name, second.effect.name))
-            total = first.log_evidence + second.log_evidence
-            if len(names) == 2 and total > pairs.get(names, (-np.inf,))[0]:
-                pairs[names] = (total, first, second)
-    best = sorted(pairs.values(), key=lambda pair: -pair[0])[: forms.n_pairs]
-    return [(first, second) for _, first, second in best]
 
 
 def _between_both(
@@ -106,13 +149,6 @@ def _between_both(
 def worth_it(found: Mapping[str, Explanation], least: float) -> list[Explanation]:
     """Effects whose form matters, for their log evidence, most of it first."""
     return [e for e in sorted(found.values(), key=lambda e: -e.log_evidence) if e.log_evidence > least]
-
-
-def add_form(columns: dict[str, list[Column]], column: Column) -> None:
-    """Add a form to those of its effect, unless it is one of them."""
-    effect = column.effect
-    if not any(column.is_form_of(known) for known in columns[effect.name]):
-        columns[effect.name].append(column)
 
 
 def _between(problem: LinearProblem, marginal: Marginal, best: Explanation, columns: Sequence[Column]) -> Column:
