@@ -35,7 +35,7 @@ from sawbench.diagnosis.inference.gain_drift import GainDrift, gain_drifts
 from sawbench.diagnosis.inference.hypothesis import OTHERS, Hypothesis
 from sawbench.diagnosis.inference.linear_problem import LinearProblem
 from sawbench.diagnosis.inference.marginal import Marginal
-from sawbench.diagnosis.inference.posterior import Posterior, judge
+from sawbench.diagnosis.inference.posterior import Posterior, judge_weighed
 from sawbench.diagnosis.inference.settings import SETTINGS
 from sawbench.diagnosis.inference.vibration_read import Vibration, vibration_of
 from sawbench.diagnosis.inference.weighing import missed_by
@@ -105,9 +105,10 @@ def diagnose(
         recordings, loaded, on_trial=lambda done, total, name: say(_REDUCED * done // total, 100, f"reading {name}")
     )
     say(_REDUCED, 100, "computing the signature of every effect")
-    problem, columns = with_cell_resonance(campaign)
+    weighed = with_cell_resonance(campaign)
     say(_SIGNED, 100, "weighing causes")
-    answer = held(problem, columns, judge(problem, columns))
+    answer = held(weighed.problem, weighed.columns, judge_weighed(weighed))
+    del weighed  # large, and nothing of it is needed any more
     further: dict[str, Any] = {}
     if until_closed:
         closing = close(
@@ -153,9 +154,9 @@ def _report(
     def detectable() -> dict[str, DetectionLimit]:
         return detection_limits(problem, columns, posterior, SETTINGS.report.shown_log_odds)
 
-    # This process takes the first one, for which it knows the predictions already.
-    parts: list[Callable[[], Any]] = [of_causes, where, lambda: detail(problem, posterior, channels), detectable]
-    causes, places, details, limits = on_two_cores(operator.call, parts)
+    # This process takes the first one, for which it knows the predictions already; the other one the last, the longest.
+    parts: list[Callable[[], Any]] = [of_causes, where, detectable, lambda: detail(problem, posterior, channels)]
+    causes, places, limits, details = on_two_cores(operator.call, parts)
     members = predictions.sized(posterior.best)
     shifts = _shifts(problem, posterior, members)
     retuned = {name: shift["value"] for name, shift in shifts.items()}

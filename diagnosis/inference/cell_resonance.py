@@ -39,8 +39,8 @@ _DIFFERENCE: Final = 1e-3
 _INSIDE: Final = 1.0 + 1e-6
 
 
-def with_cell_resonance(campaign: Campaign) -> tuple[LinearProblem, dict[str, list[Column]]]:
-    """Problem of a campaign and the columns of its effects, with the load cell's resonance in the model if it has one.
+def with_cell_resonance(campaign: Campaign) -> WeighedAlone:
+    """Effects of a campaign in all their forms, with the load cell's resonance in the model if it has one.
 
     Parameters
     ----------
@@ -48,10 +48,9 @@ def with_cell_resonance(campaign: Campaign) -> tuple[LinearProblem, dict[str, li
 
     Returns
     -------
-    problem : LinearProblem
-        Its campaign is the one given, or that with the resonance among what is known.
-    columns : dict of str to list of Column
-        Of `effect_columns`.
+    WeighedAlone
+        Of `weighed_effects`; the campaign of its problem is the one given, or that with the resonance among what is
+        known.
     """
     weighed = weighed_effects(build_problem(campaign))
     for one in campaign.plant.machine.sensor_properties:
@@ -60,7 +59,7 @@ def with_cell_resonance(campaign: Campaign) -> tuple[LinearProblem, dict[str, li
         ringing = None if is_known else cell_resonance(weighed, one)
         if ringing is not None:
             weighed = weighed_effects(build_problem(with_known(campaign, (*known, ringing))))
-    return weighed.problem, weighed.catalogue.columns
+    return weighed
 
 
 def cell_resonance(weighed: WeighedAlone, resonance: Effect) -> KnownEffect | None:
@@ -86,7 +85,7 @@ def cell_resonance(weighed: WeighedAlone, resonance: Effect) -> KnownEffect | No
     if not (_is_inside(found.ring.column, forms) and weighing.is_shown(found, n_forms=len(forms))):
         return None
     noise = noise_factor_beside(problem, np.hstack([column.of_any_size for column in found.columns]))
-    columns = columns_with_noise(problem, weighed.catalogue.columns, noise)
+    columns = columns_with_noise(problem, weighed.columns, noise)
     weighing = _Weighing(WeighedAlone(with_noise(problem, noise), columns))
     if not weighing.is_shown(found.with_noise(problem, noise), n_forms=len(forms)):
         return None

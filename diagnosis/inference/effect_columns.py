@@ -36,7 +36,7 @@ def effect_columns(problem: LinearProblem) -> dict[str, list[Column]]:
     dict of str to list of Column
         By effect; an empty list where the campaign shows nothing of it.
     """
-    return weighed_effects(problem).catalogue.columns
+    return weighed_effects(problem).columns
 
 
 def weighed_effects(problem: LinearProblem) -> WeighedAlone:
@@ -52,7 +52,7 @@ def weighed_effects(problem: LinearProblem) -> WeighedAlone:
 
 def _as_shown(weighed: WeighedAlone) -> list[Column]:
     """Best forms of effects as the likeliest effects of sensors show them, and of these beside them."""
-    problem, alone, columns = weighed.problem, weighed.marginal, weighed.catalogue.columns
+    problem, alone, columns = weighed.problem, weighed.marginal, weighed.columns
     pairs = weighed.likeliest_pairs
     # Of two sensors the second begins: alone, the first stands for what both do.
     ordered = [pair[::-1] if pair[1].effect.distorts is not None else pair for pair in pairs]

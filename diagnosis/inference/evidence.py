@@ -161,14 +161,28 @@ class Catalogue:
     columns : dict of str to list of Column
         By effect.
     data : ndarray, shape (n,)
+    stacked : ndarray, shape (n, q), optional
+        The columns side by side, where they are parts of that already.
     """
 
-    def __init__(self, columns: dict[str, list[Column]], data: Floats) -> None:
+    def __init__(self, columns: dict[str, list[Column]], data: Floats, stacked: Floats | None = None) -> None:
         self.columns = columns
         entries = [column.columns for found in columns.values() for column in found]
-        self.stacked = side_by_side(entries, len(data))
+        self.stacked = side_by_side(entries, len(data)) if stacked is None else stacked
         self.moments = self.stacked.T @ data
         self.squares = [columns.T @ columns for columns in entries]
+
+    def rescaled(self, share: Floats, data: Floats) -> Catalogue:
+        """The same columns times a share of each row, shape (n, 1), for other data."""
+        stacked, start = share * self.stacked, 0
+        columns: dict[str, list[Column]] = {}
+        for name, entries in self.columns.items():
+            columns[name] = []
+            for column in entries:
+                place = slice(start, start + column.columns.shape[1])
+                columns[name].append(replace(column, columns=stacked[:, place]))
+                start = place.stop
+        return Catalogue(columns, data, stacked)
 
     def explain(
         self, marginal: Marginal, half: Floats | None = None, *, beside: Collection[str] = ()

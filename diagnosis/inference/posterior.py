@@ -13,14 +13,21 @@ from sawbench.bench.second_core import on_two_cores
 from sawbench.diagnosis.inference.asynchronous import Finding, off_stroke_findings
 from sawbench.diagnosis.inference.beside_known import BesideKnown
 from sawbench.diagnosis.inference.columns import Column, catalogue_columns, forms_beside, known_parts, little_of_each
-from sawbench.diagnosis.inference.dispersion import background_with_noise, columns_with_noise, noise_factor, with_noise
+from sawbench.diagnosis.inference.dispersion import (
+    background_with_noise,
+    catalogue_with_noise,
+    columns_with_noise,
+    noise_factor,
+    with_noise,
+)
 from sawbench.diagnosis.inference.evidence import Catalogue, Explanation
 from sawbench.diagnosis.inference.forming import Forming
 from sawbench.diagnosis.inference.hypothesis import Hypothesis, Verdict
-from sawbench.diagnosis.inference.left_over import left_by, left_over
+from sawbench.diagnosis.inference.left_over import left_by, left_over, left_over_by_each
 from sawbench.diagnosis.inference.linear_problem import LinearProblem
 from sawbench.diagnosis.inference.marginal import Marginal
 from sawbench.diagnosis.inference.one_form import lacking_of_forms_that_show
+from sawbench.diagnosis.inference.refining import WeighedAlone
 from sawbench.diagnosis.inference.retuning import Retuning
 from sawbench.diagnosis.inference.size import together
 from sawbench.diagnosis.inference.stroke_evidence import (
@@ -102,14 +109,14 @@ class Posterior:
 
 
 def judge(
-    problem: LinearProblem, columns: dict[str, list[Column]], *, are_known_certain: bool = True
+    problem: LinearProblem, columns: Mapping[str, Sequence[Column]], *, are_known_certain: bool = True
 ) -> Posterior:  # fmt: skip
     """Weigh all hypotheses against each other.
 
     Parameters
     ----------
     problem : LinearProblem
-    columns : dict of str to list of Column
+    columns : mapping of str to sequence of Column
         Of `catalogue_columns`.
     are_known_certain : bool
         Further effects pay for what the forms of the known ones miss. A search that weighs its causes again, one beside
@@ -119,7 +126,13 @@ def judge(
     -------
     Posterior
     """
-    columns = {name: entries for name, entries in columns.items() if entries}
+    return judge_weighed(WeighedAlone(problem, columns), are_known_certain=are_known_certain)
+
+
+def judge_weighed(weighed: WeighedAlone, *, are_known_certain: bool = True) -> Posterior:
+    """`judge` of effects of which it may be known what they explain alone."""
+    problem = weighed.problem
+    columns = {name: entries for name, entries in weighed.columns.items() if entries}
     campaign, settings = problem.campaign, problem.settings
     plant, effects = campaign.plant, campaign.plant.effects
 
@@ -128,16 +141,16 @@ def judge(
         beside = max(asynchronous, key=lambda finding: finding.log_evidence, default=None)
         return *strokes_say(effects, campaign.states, campaign.strokes, settings, plant.known), beside
 
-    # This process takes the first one, whose result is large.
+    # This process takes the first one, which it keeps.
     parts: list[Callable[[], Any]] = [
-        lambda: Catalogue(columns, problem.data),
+        lambda: weighed.explanations,
         lambda: little_of_each(problem, columns),
         lambda: catalogue_columns(problem, plant.beyond_catalogue),
         beside_mean_strokes,
     ]
     known = (*effects, *plant.beyond_catalogue)
-    catalogue, little, laws, (said, of_strokes, beside) = on_two_cores(operator.call, parts, known=known)
-    bench = _bench_of(problem, catalogue, little, laws)
+    _, little, laws, (said, of_strokes, beside) = on_two_cores(operator.call, parts, known=known)
+    bench = _bench_of(weighed, little, laws)
     singles, pairs = _singles_and_pairs(bench)
     listed = {h.name: h.log_evidence for h in singles}
     beyond = beyond_catalogue(bench.forming, bench.nominal, bench.beyond, listed)
@@ -188,16 +201,14 @@ class _Bench:
     forming: Forming
 
 
-def _bench_of(
-    problem: LinearProblem, catalogue: Catalogue, little: dict[str, Floats], beyond: dict[str, list[Column]]
-) -> _Bench:
+def _bench_of(weighed: WeighedAlone, little: dict[str, Floats], beyond: dict[str, list[Column]]) -> _Bench:
     """Scale the noise to what the best effects leave, and add to the background the forms that show."""
-    as_measured = catalogue.columns
-    dispersion = noise_factor(problem, catalogue, Catalogue(beyond, problem.data))
+    problem, catalogue = weighed.problem, weighed.catalogue
+    dispersion = noise_factor(weighed, Catalogue(beyond, problem.data))
     if dispersion.max() > 1.0:
+        catalogue = catalogue_with_noise(problem, catalogue, dispersion)
+        beyond = columns_with_noise(problem, beyond, dispersion)
         problem = with_noise(problem, dispersion)
-        columns, beyond = (columns_with_noise(problem, found, dispersion) for found in (as_measured, beyond))
-        catalogue = Catalogue(columns, problem.data)
     small = background_with_noise(little, dispersion)
     nominal = Marginal(problem, extra=small)
     half = nominal.half(catalogue.stacked)
@@ -205,7 +216,7 @@ def _bench_of(
     likeliest = [nominal.beside(e.column.of_any_size) for e in rough[: problem.settings.forms.n_first]]
     wide = Marginal(problem, scale=problem.wide_scale, extra=small)
     # What shows beside no effect, beside each of the likeliest, and where the plant's numbers are wrong.
-    lacking = lacking_of_forms_that_show(little, as_measured, dispersion, [[nominal, *likeliest], [wide]])
+    lacking = lacking_of_forms_that_show(little, weighed.columns, dispersion, [[nominal, *likeliest], [wide]])
     if lacking:
         nominal = nominal.beside(background_with_noise(lacking, dispersion))
         half = nominal.half(catalogue.stacked, half)
@@ -242,13 +253,11 @@ def _singles_and_pairs(bench: _Bench) -> tuple[list[Hypothesis], list[Hypothesis
     formed.sort(key=lambda one: -one.explanation.log_evidence)
     explanations = [*(one.explanation for one in formed), *rough[numbers.n_formed :]]
     explanations.sort(key=lambda e: -e.log_evidence)
+    left = left_over_by_each(bench.problem, bench.dispersion, bench.nominal, explanations)
     singles = [
-        Hypothesis(
-            effects=(e.effect.name,), members=(e,), log_evidence=e.log_evidence,
-            left_over=left_over(bench.problem, bench.dispersion, bench.nominal, e),
-        )
-        for e in explanations
-    ]  # fmt: skip
+        Hypothesis(effects=(e.effect.name,), members=(e,), log_evidence=e.log_evidence, left_over=of_each)
+        for e, of_each in zip(explanations, left, strict=True)
+    ]
     alone = {h.name: h.left_over for h in singles}
     pairs = bench.forming.pairs(formed[: numbers.n_first], catalogue, bench.half)
     return singles, [_leaving_no_more(h, alone) for h in pairs]

@@ -49,14 +49,19 @@ class WeighedAlone:
     ----------
     problem : LinearProblem
     marginal : Marginal
-    catalogue : Catalogue
+    columns : dict of str to list of Column
     """
 
     def __init__(
         self, problem: LinearProblem, columns: Mapping[str, Sequence[Column]], marginal: Marginal | None = None
     ) -> None:  # fmt: skip
         self.problem, self.marginal = problem, Marginal(problem) if marginal is None else marginal
-        self.catalogue = Catalogue({name: list(entries) for name, entries in columns.items()}, problem.data)
+        self.columns = {name: list(entries) for name, entries in columns.items()}
+
+    @cached_property
+    def catalogue(self) -> Catalogue:
+        """The columns side by side."""
+        return Catalogue(self.columns, self.problem.data)
 
     @cached_property
     def half(self) -> Floats:
@@ -64,10 +69,14 @@ class WeighedAlone:
         return self.marginal.half(self.catalogue.stacked)
 
     @cached_property
+    def explanations(self) -> dict[str, Explanation]:
+        """Of every effect that shows anything."""
+        return self.catalogue.explain(self.marginal, self.half)
+
+    @cached_property
     def best(self) -> list[Explanation]:
         """Effects whose form matters, most evidence first."""
-        found = self.catalogue.explain(self.marginal, self.half)
-        return worth_it(found, self.problem.settings.forms.worth_forming)
+        return worth_it(self.explanations, self.problem.settings.forms.worth_forming)
 
     @cached_property
     def likeliest_pairs(self) -> list[tuple[Explanation, Explanation]]:
@@ -81,7 +90,7 @@ class WeighedAlone:
             found = self.catalogue.explain(given, given.half(self.catalogue.stacked, self.half))
             return worth_it(found, forms.worth_forming)
 
-        beside = on_two_cores(seconds_of, firsts, known=known_parts(self.catalogue.columns))
+        beside = on_two_cores(seconds_of, firsts, known=known_parts(self.columns))
         for first, seconds in zip(firsts, beside, strict=True):
             for second in seconds:
                 names = frozenset((first.effect.name, second.effect.name))
@@ -93,11 +102,11 @@ class WeighedAlone:
 
     def with_forms(self, further: Sequence[Column]) -> WeighedAlone:
         """The same with further forms of its effects; itself, where it has them all."""
-        columns = {name: list(entries) for name, entries in self.catalogue.columns.items()}
+        columns = {name: list(entries) for name, entries in self.columns.items()}
         for column in further:
             if not any(column.is_form_of(known) for known in columns[column.effect.name]):
                 columns[column.effect.name].append(column)
-        has_all = all(len(entries) == len(columns[name]) for name, entries in self.catalogue.columns.items())
+        has_all = all(len(entries) == len(columns[name]) for name, entries in self.columns.items())
         return self if has_all else WeighedAlone(self.problem, columns, self.marginal)
 
 
@@ -116,7 +125,7 @@ def refined(weighed: WeighedAlone) -> WeighedAlone:
     WeighedAlone
         One column more for each better form that was found.
     """
-    problem, columns = weighed.problem, weighed.catalogue.columns
+    problem, columns = weighed.problem, weighed.columns
     best = [e for e in weighed.best if e.effect.continuous][: problem.settings.forms.n_first]
     found = on_two_cores(
         lambda e: _between(problem, weighed.marginal, e, columns[e.effect.name]), best, known=known_parts(columns)

@@ -68,7 +68,7 @@ def test_the_sum_of_two_signatures_leaves_more(problem, columns):
         left, log_evidence = zip(*found, strict=True)
         return min(left), max(log_evidence)
 
-    plain = refined(WeighedAlone(problem, catalogue_columns(problem, problem.campaign.plant.effects))).catalogue.columns
+    plain = refined(WeighedAlone(problem, catalogue_columns(problem, problem.campaign.plant.effects))).columns
     (left, log_evidence), (left_by_sum, of_sum) = by_both(columns), by_both(plain)
     assert left < 0.5 * left_by_sum
     assert log_evidence > of_sum + 10.0

@@ -26,7 +26,7 @@ TRAVEL_M = 1.8e-4
 
 def weighed(problem, names):
     columns = catalogue_columns(problem, [EFFECT_BY_NAME[name] for name in names])
-    return columns, refined(WeighedAlone(problem, columns)).catalogue.columns
+    return columns, refined(WeighedAlone(problem, columns)).columns
 
 
 @pytest.fixture(scope="module")
