@@ -179,8 +179,12 @@ def climbed(problem: LinearProblem, marginal: Marginal, explanation: Explanation
         numbers = dict(zip(bounds, np.exp(place).tolist(), strict=True))
         return explain(marginal, columns_in(problem, effect, [{**shape, **numbers}], distortion))
 
+    def signatures(fitted: Explanation) -> Callable[[Explanation], Floats]:
+        sizes = coefficients(fitted)[:, None]
+        return lambda found: found.column.columns @ sizes
+
     return gauss_newton(
-        marginal, explanation, at, lambda found, fitted: found.column.columns @ coefficients(fitted)[:, None],
+        marginal, explanation, at, signatures,
         here=np.log([shape[name] for name in bounds]), bounds=np.log(np.reshape(list(bounds.values()), (-1, 2))),
     )  # fmt: skip
 
@@ -189,7 +193,7 @@ def gauss_newton(
     marginal: Marginal,
     begun: Found,
     at: Callable[[Floats], Found | None],
-    signatures: Callable[[Found, Found], Floats],
+    signatures: Callable[[Found], Callable[[Found], Floats]],
     *,
     here: Floats,
     bounds: Floats,
@@ -204,17 +208,18 @@ def gauss_newton(
     at : callable
         Numbers, shape (k,) -> what is found there, None where nothing shows.
     signatures : callable
-        (found, fitted) -> the signatures of the first with the coefficients of the second, shape (n, m), whose sum is
-        all.
+        What is fitted -> what is found -> the signatures of the second with the coefficients of the first, shape
+        (n, m), whose sum is all.
     here : ndarray, shape (k,)
         Where to begin.
     bounds : ndarray, shape (k, 2)
     """
     best, (low, high) = begun, bounds.T
     for _ in range(_N_STEPS if len(here) else 0):
-        own = signatures(best, best)
+        of_size = signatures(best)
+        own = of_size(best)
         beside = [at(here + step) for step in _DIFFERENCE * np.eye(len(here))]
-        slopes = [(signatures(f, best) - own).sum(axis=1) / _DIFFERENCE for f in beside if f is not None]
+        slopes = [(of_size(f) - own).sum(axis=1) / _DIFFERENCE for f in beside if f is not None]
         if len(slopes) < len(here):
             break
         m = own.shape[1]

@@ -6,7 +6,7 @@ refined while the other one is kept.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Final
 
@@ -132,13 +132,11 @@ class _Pairs:
         )  # fmt: skip
 
 
-def _signatures(found: ShownPair, fitted: ShownPair) -> Floats:
-    """Of both effects, with the coefficients that were fitted to others of their forms, shape (n, 2)."""
-    return np.column_stack(
-        [
-            found.sensor.column.columns @ coefficients(fitted.sensor),
-            found.shown.column.columns @ coefficients(fitted.shown),
-        ]
+def _signatures(fitted: ShownPair) -> Callable[[ShownPair], Floats]:
+    """Signatures of both effects in any of their forms, shape (n, 2), with the coefficients that were fitted to one."""
+    of_sensor, of_shown = coefficients(fitted.sensor), coefficients(fitted.shown)
+    return lambda found: np.column_stack(
+        [found.sensor.column.columns @ of_sensor, found.shown.column.columns @ of_shown]
     )
 
 
