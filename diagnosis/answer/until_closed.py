@@ -383,7 +383,8 @@ class _Joint:
         """Size members together, each in the form that is best beside the others."""
         columns = self._shaped([_column(self._first, m) for m in members])
         shaped = [replace(m, column=column, mixture=None) for m, column in zip(members, columns, strict=True)]
-        sized = together(self._first.problem, shaped, dispersion=self._noise)
+        problem = self._first.problem
+        sized = together(problem, Marginal(with_noise(problem, self._noise)), shaped, dispersion=self._noise)
         return Hypothesis(
             effects=tuple(m.effect.name for m in members), log_evidence=log_evidence, is_fitted_together=True,
             members=tuple(sized_by_strokes(m, self._said) for m in sized),

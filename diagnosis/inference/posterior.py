@@ -286,6 +286,7 @@ class _Stated:
         said: Mapping[str, StrokesSay],
     ) -> None:  # fmt: skip
         self._problem, self._columns, self._dispersion, self._said = problem, columns, dispersion, said
+        self._scaled = Marginal(with_noise(problem, dispersion))
 
     def singles(self, singles: Sequence[Hypothesis], *, no_gap: Hypothesis) -> dict[str, Explanation]:
         """Every effect alone, in the order given."""
@@ -300,7 +301,7 @@ class _Stated:
         if not hypothesis.is_fitted_together:
             return replace(hypothesis, members=tuple(alone[name] for name in hypothesis.effects))
         members = [self._undispersed(m) for m in hypothesis.members]
-        beside = together(self._problem, members, dispersion=self._dispersion)
+        beside = together(self._problem, self._scaled, members, dispersion=self._dispersion)
         return replace(hypothesis, members=tuple(sized_by_strokes(m, self._said) for m in beside))
 
     def _undispersed(self, explanation: Explanation) -> Explanation:
