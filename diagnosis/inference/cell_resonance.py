@@ -24,7 +24,7 @@ from sawbench.diagnosis.inference.dispersion import (
     with_noise,
 )
 from sawbench.diagnosis.inference.effect_columns import weighed_effects
-from sawbench.diagnosis.inference.evidence import Explanation, explain
+from sawbench.diagnosis.inference.evidence import Catalogue, Explanation, explain
 from sawbench.diagnosis.inference.linear_problem import LinearProblem, build_problem
 from sawbench.diagnosis.inference.marginal import Marginal
 from sawbench.diagnosis.inference.refining import WeighedAlone, climbed, coefficients
@@ -135,9 +135,11 @@ class _Weighing:
 
     def likeliest(self, forms: Sequence[Column]) -> _Ringing:
         """Best ring, with the effect beside which it is best; both between the forms of the catalogue."""
-        rings = [(base, marginal, explain(marginal, forms)) for base, marginal in self._given]
+        rings = Catalogue({"": list(forms)}, self._problem.data)
+        half = self._alone.half(rings.stacked)
+        given = [(None, self._alone, half), *((c, m, m.half(rings.stacked, half)) for c, m in self._given[1:])]
         base, marginal, ring = max(
-            ((base, marginal, ring) for base, marginal, ring in rings if ring is not None),
+            ((base, marginal, rings.explain(marginal, taken)[""]) for base, marginal, taken in given),
             key=lambda each: each[1].log_evidence + each[2].log_evidence,
         )
         pair = None if base is None else best_shown_pair(self._problem, self._alone, forms, base)

@@ -136,20 +136,20 @@ def judge_weighed(weighed: WeighedAlone, *, are_known_certain: bool = True) -> P
     campaign, settings = problem.campaign, problem.settings
     plant, effects = campaign.plant, campaign.plant.effects
 
-    def beside_mean_strokes() -> tuple[Any, ...]:
-        asynchronous = [*off_stroke_findings(campaign.off_stroke, plant.turns_a_cycle), *unsteady_balances(problem)]
-        beside = max(asynchronous, key=lambda finding: finding.log_evidence, default=None)
-        return *strokes_say(effects, campaign.states, campaign.strokes, settings, plant.known), beside
+    def asynchronous() -> Finding | None:
+        found = [*off_stroke_findings(campaign.off_stroke, plant.turns_a_cycle), *unsteady_balances(problem)]
+        return max(found, key=lambda finding: finding.log_evidence, default=None)
 
     # This process takes the first one, which it keeps.
     parts: list[Callable[[], Any]] = [
         lambda: weighed.explanations,
+        asynchronous,
         lambda: little_of_each(problem, columns),
         lambda: catalogue_columns(problem, plant.beyond_catalogue),
-        beside_mean_strokes,
+        lambda: strokes_say(effects, campaign.states, campaign.strokes, settings, plant.known),
     ]
     known = (*effects, *plant.beyond_catalogue)
-    _, little, laws, (said, of_strokes, beside) = on_two_cores(operator.call, parts, known=known)
+    _, beside, little, laws, (said, of_strokes) = on_two_cores(operator.call, parts, known=known)
     bench = _bench_of(weighed, little, laws)
     singles, pairs = _singles_and_pairs(bench)
     listed = {h.name: h.log_evidence for h in singles}
@@ -166,13 +166,13 @@ def judge_weighed(weighed: WeighedAlone, *, are_known_certain: bool = True) -> P
     if plant.known and are_known_certain:
         beside_known = BesideKnown(bench.problem, bench.dispersion, bench.forming.small)
         resting, gap = [beside_known.paid(h) for h in resting], beside_known.gap
-    weighed = weigh(
+    ranked = weigh(
         resting, n_effects=len(effects), gap=gap, quiet=problem.quiet, weights=settings.weights
     )  # fmt: skip
     stated = _Stated(problem, columns, bench.dispersion, said)
     explanations = stated.singles(singles, no_gap=hypotheses[0])
     return Posterior(
-        hypotheses=tuple(stated.members(h, explanations) for h in weighed),
+        hypotheses=tuple(stated.members(h, explanations) for h in ranked),
         explanations=tuple(explanations.values()),
         strokes=said,
         finding=beside,
