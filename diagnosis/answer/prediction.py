@@ -228,10 +228,10 @@ class Predictions:
 
         Without them its magnitude would not differ from zero in its 95 % interval, with them it does.
         """
-        wave = (member.contribution / np.sqrt(self._posterior.dispersion))[:, None]
+        wave = member.contribution / np.sqrt(self._posterior.dispersion)
 
         def is_known(marginal: Marginal) -> bool:
-            return float(marginal.gram(wave)[0][0, 0]) >= Z95**2
+            return marginal.square(wave) >= Z95**2
 
         return is_known(self._of_all) and not all(map(is_known, self._without_each_point))
 

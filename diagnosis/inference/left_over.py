@@ -37,9 +37,11 @@ def left_over_by_each(
     problem: LinearProblem, dispersion: Floats, marginal: Marginal, explanations: Sequence[Explanation | None]
 ) -> list[float]:
     """`left_over` where the contribution of one effect is taken off, for each of several, in one pass."""
-    left = [problem.data if e is None else problem.data - e.contribution for e in explanations]
-    best, rest = marginal.split(np.array(left).T)
-    return [(float(dispersion @ r**2 + b @ b) / len(r)) for b, r in zip(best.T, rest.T, strict=True)]
+    left = np.empty((len(explanations), len(problem.data)))
+    for row, explanation in zip(left, explanations, strict=True):
+        row[:] = problem.data if explanation is None else problem.data - explanation.contribution
+    best, rest = marginal.split(left.T)
+    return [float(dispersion @ r**2 + b @ b) / len(r) for b, r in zip(best.T, rest.T, strict=True)]
 
 
 def left_by(problem: LinearProblem, dispersion: Floats, nominal: Marginal, members: Sequence[Explanation]) -> float:

@@ -106,6 +106,12 @@ class Marginal:
         """S' M^-1 S, shape (q, q), and S' M^-1 y, shape (q,), for full-length columns S, shape (n, q)."""
         return self.grams([columns])[0]
 
+    def square(self, column: Floats) -> float:
+        """S' M^-1 S of one full-length column, shape (n,)."""
+        shown = column[self._rows]
+        half = self.half(shown)
+        return float(shown @ shown - half @ half)
+
     def grams(self, several: Sequence[Floats]) -> list[tuple[Floats, Floats]]:
         """`gram` of each of several sets of columns, in one pass over the nuisances."""
         stacked = side_by_side(several, len(several[0]))[self._rows]
