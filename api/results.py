@@ -230,12 +230,14 @@ class GapReport:
 
     def _plan_table(self) -> str:
         """Planned trials as a table; empty where there are none."""
+        trials = self.report.get("plan", {}).get("trials", [])
+        if not trials:
+            return ""
         from sawbench.acquisition.series.plan import PlannedTrial
         from sawbench.acquisition.series.plan_design import plan_table
 
-        trials = self.report.get("plan", {}).get("trials", [])
         known = [{key: row[key] for key in PlannedTrial.model_fields if key in row} for row in trials]
-        return plan_table([PlannedTrial.model_validate(row) for row in known]) if known else ""
+        return plan_table([PlannedTrial.model_validate(row) for row in known])
 
     def as_json(self) -> str:
         """Return gap_report.json; lists of numbers stand on one line."""

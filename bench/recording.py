@@ -6,6 +6,7 @@ import json
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field, replace
 from datetime import datetime
+from functools import cached_property
 from types import MappingProxyType
 from typing import Any, Final, Literal
 
@@ -183,9 +184,9 @@ def alignment_key(channel: str) -> str:
     return f"alignment values {channel}"
 
 
-@dataclass(frozen=True, kw_only=True, slots=True)
+@dataclass(frozen=True, kw_only=True)
 class Signal:
-    """One channel over a whole trial.
+    """One channel over a whole trial; without slots, for what is worked out once and kept here.
 
     Attributes
     ----------
@@ -234,7 +235,7 @@ class Signal:
                 remedy="sort the rows by time and drop repeated ones",
             )
 
-    @property
+    @cached_property
     def rate_hz(self) -> float:
         """Median sample rate, Hz (0 for fewer than two samples)."""
         if len(self.time_s) < 2:

@@ -86,8 +86,9 @@ def clean_channel(signal: Signal, angle: CrankAngle | None = None) -> CleanChann
         noise = white_noise_std(values[~is_far_off], time[~is_far_off])
     n_spikes, n_impacts = int(is_spike.sum()), int(is_impact.sum())
     problems = _health_problems(values, n_spikes, n_impacts, n_clipped, n_missing, signal.unit)
-    alignment = signal.alignment
+    alignment, kept = signal.alignment, signal
     if len(values) < len(signal.values):
+        kept = replace(signal, time_s=time, values=values, raw=None)
         problems += (_rows_between(len(signal.values) / len(values)),)
         alignment = alignment_of_rows(signal.time_s, time)
     return CleanChannel(
@@ -101,7 +102,7 @@ def clean_channel(signal: Signal, angle: CrankAngle | None = None) -> CleanChann
         quality=ChannelQuality(
             channel=signal.channel,
             unit=signal.unit,
-            rate_hz=replace(signal, time_s=time, values=values, raw=None).rate_hz,
+            rate_hz=kept.rate_hz,
             n_samples=len(values),
             n_missing=n_missing,
             jitter_std_s=float(np.std(regular)) if len(regular) else 0.0,

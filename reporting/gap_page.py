@@ -126,13 +126,14 @@ def write_gap_page(path: str | Path, report: Mapping[str, Any], *, overwrite: bo
 
 def _pictures(report: Mapping[str, Any], detail: Mapping[str, Any], after: str, after_words: str) -> dict[str, Any]:
     """Draw what there is to draw; None for a picture that the report has nothing for."""
+    # In an order that shares them evenly: both processes draw an easy one and one of many cells.
     drawn: dict[str, Callable[[], Any]] = {
         "ladder": lambda: ladder_picture(report["gap"]["by_channel"], rungs_of(report["verdict"]))
     }
-    if detail.get("strokes"):
-        drawn["strokes"] = lambda: strokes_picture(detail["strokes"], after, after_words)
     if detail.get("map") and report["where"]:
         drawn["map"] = lambda: map_picture(detail["map"], _equations(report, detail))
+    if detail.get("strokes"):
+        drawn["strokes"] = lambda: strokes_picture(detail["strokes"], after, after_words)
     if detail.get("standing_out"):
         drawn["standing_out"] = lambda: standing_out_picture(detail["standing_out"])
     if "until_closed" in report:

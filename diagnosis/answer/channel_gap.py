@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Final
 
 import numpy as np
@@ -13,6 +14,7 @@ from sawbench.diagnosis.answer.hold_out import HoldOut
 from sawbench.diagnosis.answer.ladder import RUNGS, Fit, Ladder, Rungs
 from sawbench.diagnosis.inference.battery_curve import SeenCurve
 from sawbench.diagnosis.inference.columns import Column
+from sawbench.diagnosis.inference.common_filter import filtered
 from sawbench.diagnosis.inference.linear_problem import Part
 from sawbench.diagnosis.inference.nuisance import Nuisance
 from sawbench.diagnosis.inference.nuisances import further_batteries
@@ -195,11 +197,16 @@ def _models(hold_out: HoldOut, fit: Fit, forms: Sequence[Sequence[Column]]) -> d
         return lambda state: nuisance.signature(baseline, state)
 
     def nuisances(values: Floats) -> list[Term]:
-        return [
-            Term(amplitude=float(value * unit), signature=signature(known[name]))
+        sized = [
+            (known[name], float(value * unit))
             for name, value, unit in zip(problem.names, values, width, strict=True)
             if name in known
         ]
+        filters = [(size, nuisance.transfer) for nuisance, size in sized if nuisance.transfer is not None]
+        others = [(nuisance, size) for nuisance, size in sized if nuisance.transfer is None]
+        terms = [Term(amplitude=size, signature=signature(nuisance)) for nuisance, size in others]
+        by_filters = partial(filtered(filters), baseline)
+        return [*terms, Term(amplitude=1.0, signature=by_filters)] if filters else terms
 
     return {"nominal": [], "retuned": nuisances(fit.retuned), "with_effect": [*nuisances(fit.nuisances), *effects]}
 

@@ -27,7 +27,6 @@ from sawbench.diagnosis.answer.ladder import Ladder, Rung
 from sawbench.diagnosis.answer.prediction import Predictions
 from sawbench.diagnosis.answer.unlisted import leaves_a_gap, odds_of_unlisted, times_an_intact
 from sawbench.diagnosis.inference.acts_in import acts_in, equations_of
-from sawbench.diagnosis.inference.columns import Column
 from sawbench.diagnosis.inference.dispersion import background_with_noise, stacked_with_noise, with_noise
 from sawbench.diagnosis.inference.evidence import Explanation
 from sawbench.diagnosis.inference.hypothesis import Hypothesis
@@ -36,7 +35,6 @@ from sawbench.diagnosis.inference.marginal import Marginal
 from sawbench.diagnosis.inference.posterior import Posterior
 from sawbench.diagnosis.inference.retuning import Retuning
 from sawbench.diagnosis.inference.settings import SETTINGS, Z95, Forms, Settings
-from sawbench.diagnosis.inference.size import sized
 from sawbench.diagnosis.inference.stroke_evidence import StrokesSay
 from sawbench.diagnosis.inference.weighing import among, prior_odds_of_one, weigh
 from sawbench.diagnosis.standard_error import exceeds_its_error
@@ -50,16 +48,12 @@ _LOG_ODDS95: Final = float(np.log(0.975 / 0.025))
 _RIGHT_TO: Final = 2.0
 
 
-def held_to_predictions(
-    problem: LinearProblem, columns: Mapping[str, Sequence[Column]], posterior: Posterior, predictions: Predictions
-) -> Posterior:
+def held_to_predictions(problem: LinearProblem, posterior: Posterior, predictions: Predictions) -> Posterior:
     """Move the probability of claims that predict nothing to what is left without them, until the likeliest holds.
 
     Parameters
     ----------
     problem : LinearProblem
-    columns : mapping of str to sequence of Column
-        By effect.
     posterior : Posterior
     predictions : Predictions
 
@@ -70,22 +64,20 @@ def held_to_predictions(
         a single one, to it beside another effect as far as that is believed, and to the answers that name no effect; as
         they stand among themselves.
     """
-    kept = _those_that_hold(problem, columns, posterior, predictions)
+    kept = _those_that_hold(problem, posterior, predictions)
     shared = _shared_with_unlisted(problem, kept, predictions)
-    return _those_that_hold(problem, columns, shared, predictions)
+    return _those_that_hold(problem, shared, predictions)
 
 
-def _those_that_hold(
-    problem: LinearProblem, columns: Mapping[str, Sequence[Column]], posterior: Posterior, predictions: Predictions
-) -> Posterior:
+def _those_that_hold(problem: LinearProblem, posterior: Posterior, predictions: Predictions) -> Posterior:
     while True:
-        failing = _failing(problem, columns, posterior, predictions) if posterior.best.effects else None
+        failing = _failing(problem, posterior, predictions) if posterior.best.effects else None
         if failing is not None:
             posterior = _without(problem, posterior, failing)
         elif _rests_on_a_law_that_fails(problem, posterior, predictions):
             posterior = _without_law(problem, posterior)
         else:
-            tried = _with_background(problem, columns, posterior, predictions)
+            tried = _with_background(problem, posterior, predictions)
             if tried is None:
                 return posterior
             posterior = _without(problem, *tried)
@@ -112,15 +104,6 @@ def _shared_with_unlisted(problem: LinearProblem, posterior: Posterior, predicti
     if odds:
         probabilities["unknown"] += shared * shared / total
     return _with_probabilities(posterior, probabilities)
-
-
-def sized_members(
-    problem: LinearProblem, columns: Mapping[str, Sequence[Column]], posterior: Posterior, hypothesis: Hypothesis
-) -> list[Explanation]:
-    """Members of a hypothesis with the magnitudes that the report states."""
-    return sized(
-        problem, hypothesis.members, columns, small=posterior.little, dispersion=posterior.dispersion
-    )  # fmt: skip
 
 
 def carried_by_strokes(problem: LinearProblem, posterior: Posterior, hypothesis: Hypothesis) -> list[str]:
@@ -160,9 +143,7 @@ def is_background(member: Explanation, *, least: bool = False, forms: Forms = SE
     return abs(size) < (forms.least_amplitude if least else forms.background_amplitude)
 
 
-def _failing(
-    problem: LinearProblem, columns: Mapping[str, Sequence[Column]], posterior: Posterior, predictions: Predictions
-) -> Explanation | None:
+def _failing(problem: LinearProblem, posterior: Posterior, predictions: Predictions) -> Explanation | None:
     """Effect of the likeliest hypothesis that must not be declared, with its magnitude; None where all may.
 
     Of several, one that is too small for a cause goes first, then the one that adds least: what is there a little on
@@ -177,7 +158,7 @@ def _failing(
     )
     is_alone = len(best.effects) == 1
     failing: list[tuple[bool, float, Explanation]] = []
-    for member in sized_members(problem, columns, posterior, best):
+    for member in predictions.sized(best):
         name = member.effect.name
         added, left = _added(problem, posterior, predictions, member)
         is_worth = added.sum() > problem.settings.ladder.least_added * left
@@ -193,7 +174,7 @@ def _failing(
 
 
 def _with_background(
-    problem: LinearProblem, columns: Mapping[str, Sequence[Column]], posterior: Posterior, predictions: Predictions
+    problem: LinearProblem, posterior: Posterior, predictions: Predictions
 ) -> tuple[Posterior, Explanation] | None:
     """A claim of the likeliest cause and of another effect that is only background, as if likeliest; that effect."""
     best, least = posterior.best, problem.settings.report.shown_probability
@@ -202,7 +183,7 @@ def _with_background(
         if further is None or claim.probability <= least:
             continue
         tried = replace(posterior, hypotheses=(claim, *(h for h in posterior.hypotheses if h is not claim)))
-        member = next(m for m in sized_members(problem, columns, tried, claim) if m.effect.name == further)
+        member = next(m for m in predictions.sized(claim) if m.effect.name == further)
         by_strokes = further in carried_by_strokes(problem, tried, claim)
         if not is_cause(problem, tried, predictions, member, by_strokes=by_strokes):
             return tried, member

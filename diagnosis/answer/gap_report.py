@@ -12,7 +12,7 @@ from sawbench.bench.errors import InputError
 from sawbench.bench.recording import Recording
 from sawbench.bench.second_core import on_two_cores
 from sawbench.diagnosis.answer.channel_gap import ChannelGap
-from sawbench.diagnosis.answer.claim import carried_by_strokes, sized_members
+from sawbench.diagnosis.answer.claim import carried_by_strokes
 from sawbench.diagnosis.answer.contradiction import contradiction
 from sawbench.diagnosis.answer.detection_limits import DetectionLimit, detection_limits
 from sawbench.diagnosis.answer.gap_detail import detail
@@ -29,14 +29,13 @@ from sawbench.diagnosis.answer.where import locate
 from sawbench.diagnosis.campaign import Campaign
 from sawbench.diagnosis.inference.acts_in import equations_of
 from sawbench.diagnosis.inference.cell_resonance import with_cell_resonance
-from sawbench.diagnosis.inference.columns import Column
 from sawbench.diagnosis.inference.dispersion import stacked_with_noise, with_noise
 from sawbench.diagnosis.inference.evidence import Explanation
 from sawbench.diagnosis.inference.gain_drift import GainDrift, gain_drifts
 from sawbench.diagnosis.inference.hypothesis import OTHERS, Hypothesis
 from sawbench.diagnosis.inference.linear_problem import LinearProblem
 from sawbench.diagnosis.inference.marginal import Marginal
-from sawbench.diagnosis.inference.posterior import Posterior, judge
+from sawbench.diagnosis.inference.posterior import Posterior, judge_weighed
 from sawbench.diagnosis.inference.settings import SETTINGS
 from sawbench.diagnosis.inference.vibration_read import Vibration, vibration_of
 from sawbench.diagnosis.inference.weighing import missed_by
@@ -106,9 +105,10 @@ def diagnose(
         recordings, loaded, on_trial=lambda done, total, name: say(_REDUCED * done // total, 100, f"reading {name}")
     )
     say(_REDUCED, 100, "computing the signature of every effect")
-    problem, columns = with_cell_resonance(campaign)
+    weighed = with_cell_resonance(campaign)
     say(_SIGNED, 100, "weighing causes")
-    answer = held(problem, columns, judge(problem, columns))
+    answer = held(weighed.problem, weighed.columns, judge_weighed(weighed))
+    del weighed  # large, and nothing of it is needed any more
     further: dict[str, Any] = {}
     if until_closed:
         closing = close(
@@ -146,7 +146,7 @@ def _report(
     channels = predictions.channels_of(first)
 
     def of_causes() -> list[dict[str, Any]]:
-        return [_cause(problem, columns, posterior, predictions, hypothesis) for hypothesis in shown_causes]
+        return [_cause(problem, posterior, predictions, hypothesis) for hypothesis in shown_causes]
 
     def where() -> list[dict[str, Any]]:
         return [] if posterior.verdict == "no_gap" else _where(problem, posterior)
@@ -154,10 +154,10 @@ def _report(
     def detectable() -> dict[str, DetectionLimit]:
         return detection_limits(problem, columns, posterior, SETTINGS.report.shown_log_odds)
 
-    # This process takes the first one, for which it knows the predictions already.
-    parts: list[Callable[[], Any]] = [of_causes, where, lambda: detail(problem, posterior, channels), detectable]
-    causes, places, details, limits = on_two_cores(operator.call, parts)
-    members = sized_members(problem, columns, posterior, posterior.best)
+    # This process takes the first one, for which it knows the predictions already; the other one the last, the longest.
+    parts: list[Callable[[], Any]] = [of_causes, where, detectable, lambda: detail(problem, posterior, channels)]
+    causes, places, limits, details = on_two_cores(operator.call, parts)
+    members = predictions.sized(posterior.best)
     shifts = _shifts(problem, posterior, members)
     retuned = {name: shift["value"] for name, shift in shifts.items()}
     by_direction, asymmetry = campaign.plant.asymmetry(campaign.states, posterior.best.effects, retuned)
@@ -212,8 +212,7 @@ def _shown_causes(posterior: Posterior) -> list[Hypothesis]:
 
 
 def _cause(
-    problem: LinearProblem, columns: Mapping[str, Sequence[Column]], posterior: Posterior, predictions: Predictions,
-    hypothesis: Hypothesis,
+    problem: LinearProblem, posterior: Posterior, predictions: Predictions, hypothesis: Hypothesis
 ) -> dict[str, Any]:  # fmt: skip
     """Entry of the report."""
     closed, interval = predictions.of(hypothesis).ladder.closed_in(equations_of(problem, hypothesis.members))
@@ -222,7 +221,7 @@ def _cause(
         "effects": list(hypothesis.effects),
         "indistinguishable_from": _alike(problem, hypothesis, posterior),
         "probability": hypothesis.probability,
-        "parameters": magnitudes(problem, sized_members(problem, columns, posterior, hypothesis)),
+        "parameters": magnitudes(problem, predictions.sized(hypothesis)),
         "form": [words if len(forms) == 1 else f"{name} {words}" for name, words in forms.items() if words],
         "gap_closed": closed,
         "gap_closed_ci95": list(interval),

@@ -9,6 +9,7 @@ from functools import cached_property
 
 import numpy as np
 from sawbench.bench.recording import Floats
+from sawbench.bench.second_core import on_two_cores
 from sawbench.diagnosis.answer.ladder import RUNGS, Fit, HeldOut, Ladder, Rungs
 from sawbench.diagnosis.answer.withheld_group import WithheldGroup
 from sawbench.diagnosis.inference.linear_problem import LinearProblem, Part
@@ -80,9 +81,9 @@ class HoldOut:
             self.is_own, np.inf, np.where(self.scale > 1.0, _NUMBERS.farthest, _NUMBERS.farthest_stated)
         )
         self.held_out: HeldOut
-        self.held_out, self.group_of = _grouping(problem, by_trial=by_trial)
-        self.groups = tuple(dict.fromkeys(self.group_of(part) for part in problem.parts))
-        self.rows = {group: self._rows(group) for group in self.groups}
+        self.held_out, self.group_of = grouping(problem, by_trial=by_trial)
+        self.rows = rows_by_group(problem, self.group_of)
+        self.groups = tuple(self.rows)
         group_of_trial = {part.setting.label: self.groups.index(self.group_of(part)) for part in problem.parts}
         self._trials, self._number_of_group = list(group_of_trial), np.array(list(group_of_trial.values()))
         self._kept = {group: self._kept_without(rows) for group, rows in self.rows.items()}
@@ -97,12 +98,6 @@ class HoldOut:
             np.asarray(np.linalg.inv(part.whitener), dtype=np.float64).T for part in problem.parts
         ]
         self._noise = self._noise_of(self.base if best is None else np.hstack([self.base, best]))
-
-    def _rows(self, group: str) -> np.ndarray:
-        rows = np.zeros(len(self.problem.data), dtype=bool)
-        for part in self.problem.parts:
-            rows[part.place] = self.group_of(part) == group
-        return rows
 
     def _kept_without(self, rows: np.ndarray) -> Floats:
         """Normal matrix of the nuisances by the trials that are kept, their priors included, shape (p, p)."""
@@ -148,22 +143,11 @@ class HoldOut:
         beyond = {name: np.array(rest) for name, rest in residuals.items()}
         energy = {name: np.zeros(len(self.groups)) for name in RUNGS}
         fits = {}
-        for k, group in enumerate(self.groups):
-            likely = self._fits(group, alternatives, whole)
-            fits[group] = likely[0]
-            held, own = self.rows[group], self._own[group]
-            retuned = self.base[held] @ likely[0].retuned
-            for name, known, uncertain in (("nominal", 0.0, own), ("retuned", retuned, self._open[group])):
-                rest = data[held] - known
-                beyond[name][held], energy[name][k] = _weighed(rest, uncertain, own[:, :0], noise=1.0)
-                residuals[name][held] = rest
-            residuals["with_effect"][held], beyond["with_effect"][held], energy["with_effect"][k] = self._predicted(
-                group, likely, alternatives
-            )
-            for name in ("nominal", "retuned", "with_effect"):
-                # The hardness of a workpiece cannot be predicted: it is fitted to the withheld trials, for all rungs,
-                # at the price that the others say it has: the energy is that of the whole prediction.
-                residuals[name][held] -= own @ _ridge(own, residuals[name][held])
+        found = on_two_cores(lambda group: self._withheld_rungs(group, alternatives, whole), self.groups)
+        for k, (group, (fit, rungs)) in enumerate(zip(self.groups, found, strict=True)):
+            fits[group], held = fit, self.rows[group]
+            for name, each in rungs.items():
+                residuals[name][held], beyond[name][held], energy[name][k] = each
             energy["noise_floor"][k] = float(np.sum(self._noise[held] ** 2))
         return Ladder(
             whitened=Rungs(**{name: float(np.sqrt(values.sum() / len(data))) for name, values in energy.items()}),
@@ -175,6 +159,25 @@ class HoldOut:
             group_of=self._number_of_group,
             n_features={e: np.bincount(self._number_of_group, n) for e, n in self._squares(np.ones(len(data))).items()},
         )
+
+    def _withheld_rungs(
+        self, group: str, alternatives: Alternatives, whole: tuple[Floats, Floats, Floats, Floats]
+    ) -> tuple[Fit, dict[str, tuple[Floats, Floats, float]]]:
+        """Fit to the other groups; residual, the same in standard deviations, and energy of this one, by rung."""
+        held, own = self.rows[group], self._own[group]
+        likely = self._fits(group, alternatives, whole)
+        rest = self.problem.data[held]
+        left = rest - self.base[held] @ likely[0].retuned
+        found = {
+            "nominal": (rest, *_weighed(rest, own, own[:, :0], noise=1.0)),
+            "retuned": (left, *_weighed(left, self._open[group], own[:, :0], noise=1.0)),
+            "with_effect": self._predicted(group, likely, alternatives),
+        }
+        # The hardness of a workpiece cannot be predicted: it is fitted to the withheld trials, for all rungs, at the
+        # price that the others say it has: the energy is that of the whole prediction.
+        return likely[0], {
+            name: (rest - own @ _ridge(own, rest), beyond, energy) for name, (rest, beyond, energy) in found.items()
+        }
 
     def _predicted(self, group: str, likely: Sequence[Fit], alternatives: Alternatives) -> tuple[Floats, Floats, float]:
         """Residual of the likeliest form, that of the best one in standard deviations, and the energy of them all."""
@@ -391,7 +394,7 @@ def climb(problem: LinearProblem, columns: Floats | None) -> Ladder:
     return HoldOut(problem, columns).climb([] if columns is None else [[columns]])
 
 
-def _grouping(problem: LinearProblem, *, by_trial: bool) -> tuple[HeldOut, Callable[[Part], str]]:
+def grouping(problem: LinearProblem, *, by_trial: bool) -> tuple[HeldOut, Callable[[Part], str]]:
     """Name what is withheld, and say which group a part belongs to: trials where there are few operating points.
 
     Or where one of them alone cuts: without it, a model is fitted to a saw that never cuts.
@@ -402,6 +405,14 @@ def _grouping(problem: LinearProblem, *, by_trial: bool) -> tuple[HeldOut, Calla
     if n_points >= min(_NUMBERS.least_groups, n_trials) > 1 and n_cutting != 1 and not by_trial:
         return "operating points", lambda part: part.setting.operating_point
     return "trials" if n_trials > 1 else "nothing", lambda part: part.setting.label
+
+
+def rows_by_group(problem: LinearProblem, group_of: Callable[[Part], str]) -> dict[str, np.ndarray]:
+    """Masks of the features of each group of trials, of bool, shape (n,), in the order of the trials."""
+    found: dict[str, np.ndarray] = {}
+    for part in problem.parts:
+        found.setdefault(group_of(part), np.zeros(len(problem.data), dtype=bool))[part.place] = True
+    return found
 
 
 def _scatter(problem: LinearProblem) -> Floats:

@@ -10,7 +10,7 @@ from typing import Final
 import numpy as np
 from sawbench.bench.recording import Floats
 from sawbench.diagnosis.answer.channel_gap import ChannelGap, forecast
-from sawbench.diagnosis.answer.hold_out import HoldOut
+from sawbench.diagnosis.answer.hold_out import HoldOut, grouping, rows_by_group
 from sawbench.diagnosis.answer.ladder import Ladder
 from sawbench.diagnosis.inference.columns import Column, columns_in, forms_beside
 from sawbench.diagnosis.inference.dispersion import background_with_noise, stacked_with_noise, with_noise
@@ -21,6 +21,7 @@ from sawbench.diagnosis.inference.marginal import Marginal, best_within
 from sawbench.diagnosis.inference.posterior import Posterior
 from sawbench.diagnosis.inference.retuning import Retuning
 from sawbench.diagnosis.inference.settings import Z95
+from sawbench.diagnosis.inference.size import sized
 from sawbench.modeling.effects.effect import BACKGROUND_SHARE, Effect
 
 _MOST_SWEEPS: Final = 4
@@ -80,6 +81,8 @@ class Predictions:
         # By cause, the data beyond a little of what it does not name; and ladders of them.
         self._beyond: dict[tuple[str, ...], Floats] = {}
         self._beside_a_little: dict[tuple[object, ...], Ladder] = {}
+        # Of each cause, its effects with the magnitudes that the report states.
+        self._sized: dict[tuple[str, ...], list[Explanation]] = {}
         # Beside each cause: log evidence that numbers of the plant are wrong, and which.
         self._retuned: dict[tuple[str, ...], tuple[float, tuple[str, ...]]] = {}
         # A model that is solved does not know what the form of a known effect may miss: the rest is fitted alone there.
@@ -175,6 +178,15 @@ class Predictions:
             self._channels[hypothesis.effects] = forecast(found.hold_out, found.ladder, found.forms)
         return self._channels[hypothesis.effects]
 
+    def sized(self, hypothesis: Hypothesis) -> list[Explanation]:
+        """Members of a hypothesis with the magnitudes that the report states."""
+        if hypothesis.effects not in self._sized:
+            self._sized[hypothesis.effects] = sized(
+                self._problem, hypothesis.members, self._columns, small=self._posterior.little,
+                dispersion=self._posterior.dispersion,
+            )  # fmt: skip
+        return self._sized[hypothesis.effects]
+
     def freed_instead(self, hypothesis: Hypothesis, gained: float) -> tuple[str, ...]:
         """Name the numbers of the plant that, wrong, explain more beside a cause than a further effect does.
 
@@ -216,10 +228,10 @@ class Predictions:
 
         Without them its magnitude would not differ from zero in its 95 % interval, with them it does.
         """
-        wave = (member.contribution / np.sqrt(self._posterior.dispersion))[:, None]
+        wave = member.contribution / np.sqrt(self._posterior.dispersion)
 
         def is_known(marginal: Marginal) -> bool:
-            return float(marginal.gram(wave)[0][0, 0]) >= Z95**2
+            return marginal.square(wave) >= Z95**2
 
         return is_known(self._of_all) and not all(map(is_known, self._without_each_point))
 
@@ -231,9 +243,9 @@ class Predictions:
     @cached_property
     def _without_each_point(self) -> list[Marginal]:
         """`_of_all` without each operating point; none where trials are withheld instead."""
-        hold_out = self._hold_out(by_trial=False, freed=self._posterior.freed)
+        held_out, group_of = grouping(self._problem, by_trial=False)
+        withheld = rows_by_group(self._problem, group_of).values() if held_out == "operating points" else ()
         problem = with_noise(self._problem, self._posterior.dispersion)
-        withheld = hold_out.rows.values() if hold_out.held_out == "operating points" else ()
         return [Marginal(problem, rows=~rows) for rows in withheld]
 
     def _hold_out(self, *, by_trial: bool, freed: tuple[str, ...]) -> HoldOut:

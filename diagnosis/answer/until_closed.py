@@ -17,7 +17,7 @@ from itertools import combinations
 from typing import Any, Literal
 
 import numpy as np
-from sawbench.diagnosis.answer.claim import carried_by_strokes, held_to_predictions, sized_members
+from sawbench.diagnosis.answer.claim import carried_by_strokes, held_to_predictions
 from sawbench.diagnosis.answer.closed_share import closed_share
 from sawbench.diagnosis.answer.improved_model import found_effects, magnitudes
 from sawbench.diagnosis.answer.ladder import Ladder
@@ -122,7 +122,7 @@ class Closing:
 def held(problem: LinearProblem, columns: dict[str, list[Column]], posterior: Posterior) -> Pass:
     """Hold an answer to its predictions."""
     predictions = Predictions(problem, columns, posterior)
-    posterior = held_to_predictions(problem, columns, posterior, predictions)
+    posterior = held_to_predictions(problem, posterior, predictions)
     return Pass(problem=problem, columns=columns, posterior=posterior, predictions=predictions)
 
 
@@ -201,7 +201,7 @@ def closing_table(closing: Closing) -> dict[str, Any]:
     best = answer.posterior.best
     shown = best if best.effects else answer.posterior.of("no_gap")
     whitened = answer.predictions.of(shown).ladder.whitened
-    members = sized_members(answer.problem, answer.columns, answer.posterior, best)
+    members = answer.predictions.sized(best)
     stated = {m.effect.name: magnitudes(answer.problem, [m]) for m in members}
     return {
         "stopped": closing.stopped,
@@ -282,7 +282,7 @@ def _with_hypotheses(posterior: Posterior, hypotheses: Sequence[Hypothesis]) -> 
 def _beside(answer: Pass) -> Posterior:
     """Weigh the campaign again with all causes in the model."""
     problem, posterior = answer.problem, answer.posterior
-    members = sized_members(problem, answer.columns, posterior, posterior.best)
+    members = answer.predictions.sized(posterior.best)
     found = [
         replace(known, std=max(known.std, problem.settings.closing.least_rel_std * abs(known.value)))
         for known in found_effects(problem, posterior, members)
@@ -383,7 +383,8 @@ class _Joint:
         """Size members together, each in the form that is best beside the others."""
         columns = self._shaped([_column(self._first, m) for m in members])
         shaped = [replace(m, column=column, mixture=None) for m, column in zip(members, columns, strict=True)]
-        sized = together(self._first.problem, shaped, dispersion=self._noise)
+        problem = self._first.problem
+        sized = together(problem, Marginal(with_noise(problem, self._noise)), shaped, dispersion=self._noise)
         return Hypothesis(
             effects=tuple(m.effect.name for m in members), log_evidence=log_evidence, is_fitted_together=True,
             members=tuple(sized_by_strokes(m, self._said) for m in sized),

@@ -7,7 +7,7 @@ is compared beside the best effect as it shows that, or the best two, with the b
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Final
 
@@ -23,11 +23,11 @@ from sawbench.diagnosis.inference.dispersion import (
     stacked_with_noise,
     with_noise,
 )
-from sawbench.diagnosis.inference.effect_columns import effect_columns
+from sawbench.diagnosis.inference.effect_columns import weighed_effects
 from sawbench.diagnosis.inference.evidence import Catalogue, Explanation, explain
 from sawbench.diagnosis.inference.linear_problem import LinearProblem, build_problem
 from sawbench.diagnosis.inference.marginal import Marginal
-from sawbench.diagnosis.inference.refining import climbed, coefficients, worth_it
+from sawbench.diagnosis.inference.refining import WeighedAlone, climbed, coefficients
 from sawbench.diagnosis.inference.shown_pair import best_shown_pair
 from sawbench.modeling.effects.effect import Effect
 from sawbench.modeling.effects.known import KnownEffect
@@ -39,8 +39,8 @@ _DIFFERENCE: Final = 1e-3
 _INSIDE: Final = 1.0 + 1e-6
 
 
-def with_cell_resonance(campaign: Campaign) -> tuple[LinearProblem, dict[str, list[Column]]]:
-    """Problem of a campaign and the columns of its effects, with the load cell's resonance in the model if it has one.
+def with_cell_resonance(campaign: Campaign) -> WeighedAlone:
+    """Effects of a campaign in all their forms, with the load cell's resonance in the model if it has one.
 
     Parameters
     ----------
@@ -48,33 +48,27 @@ def with_cell_resonance(campaign: Campaign) -> tuple[LinearProblem, dict[str, li
 
     Returns
     -------
-    problem : LinearProblem
-        Its campaign is the one given, or that with the resonance among what is known.
-    columns : dict of str to list of Column
-        Of `effect_columns`.
+    WeighedAlone
+        Of `weighed_effects`; the campaign of its problem is the one given, or that with the resonance among what is
+        known.
     """
-    problem = build_problem(campaign)
-    columns = effect_columns(problem)
+    weighed = weighed_effects(build_problem(campaign))
     for one in campaign.plant.machine.sensor_properties:
         known = campaign.plant.known
         is_known = any(one.name == other.effect.name for other in known)
-        ringing = None if is_known else cell_resonance(problem, columns, one)
+        ringing = None if is_known else cell_resonance(weighed, one)
         if ringing is not None:
-            problem = build_problem(with_known(campaign, (*known, ringing)))
-            columns = effect_columns(problem)
-    return problem, columns
+            weighed = weighed_effects(build_problem(with_known(campaign, (*known, ringing))))
+    return weighed
 
 
-def cell_resonance(
-    problem: LinearProblem, columns: Mapping[str, Sequence[Column]], resonance: Effect
-) -> KnownEffect | None:
+def cell_resonance(weighed: WeighedAlone, resonance: Effect) -> KnownEffect | None:
     """Resonance of the load cell as a model can hold it.
 
     Parameters
     ----------
-    problem : LinearProblem
-    columns : mapping of str to sequence of Column
-        Of `effect_columns`.
+    weighed : WeighedAlone
+        Of `weighed_effects`.
     resonance : Effect
 
     Returns
@@ -82,16 +76,17 @@ def cell_resonance(
     KnownEffect or None
         None where the best further effect of the catalogue explains as much in its place.
     """
+    problem = weighed.problem
     forms = columns_in(problem, resonance, _sampled(problem.campaign, resonance))
     if not forms:
         return None
-    effects = {name: list(entries) for name, entries in columns.items() if entries}
-    weighing = _Weighing(problem, effects)
+    weighing = _Weighing(weighed)
     found = weighing.likeliest(forms)
     if not (_is_inside(found.ring.column, forms) and weighing.is_shown(found, n_forms=len(forms))):
         return None
     noise = noise_factor_beside(problem, np.hstack([column.of_any_size for column in found.columns]))
-    weighing = _Weighing(with_noise(problem, noise), columns_with_noise(problem, effects, noise))
+    columns = columns_with_noise(problem, weighed.columns, noise)
+    weighing = _Weighing(WeighedAlone(with_noise(problem, noise), columns))
     if not weighing.is_shown(found.with_noise(problem, noise), n_forms=len(forms)):
         return None
     return _known(problem, found.ring, noise)
@@ -132,20 +127,19 @@ class _Ringing:
 class _Weighing:
     """What a ring explains beside the best effects of the catalogue, and what these explain without it."""
 
-    def __init__(self, problem: LinearProblem, effects: dict[str, list[Column]]) -> None:
-        self._problem, self._alone = problem, Marginal(problem)
-        self._catalogue = Catalogue(effects, problem.data)
-        self._half = self._alone.half(self._catalogue.stacked)
-        numbers = problem.settings.forms
-        found = worth_it(self._catalogue.explain(self._alone, self._half), numbers.worth_forming)
-        best = [one.column for one in found[: numbers.n_first]]
+    def __init__(self, weighed: WeighedAlone) -> None:
+        self._problem, self._alone = weighed.problem, weighed.marginal
+        self._catalogue, self._half = weighed.catalogue, weighed.half
+        best = [one.column for one in weighed.best[: weighed.problem.settings.forms.n_first]]
         self._given = [(None, self._alone), *((column, self._beside(column)) for column in best)]
 
     def likeliest(self, forms: Sequence[Column]) -> _Ringing:
         """Best ring, with the effect beside which it is best; both between the forms of the catalogue."""
-        rings = [(base, marginal, explain(marginal, forms)) for base, marginal in self._given]
+        rings = Catalogue({"": list(forms)}, self._problem.data)
+        half = self._alone.half(rings.stacked)
+        given = [(None, self._alone, half), *((c, m, m.half(rings.stacked, half)) for c, m in self._given[1:])]
         base, marginal, ring = max(
-            ((base, marginal, ring) for base, marginal, ring in rings if ring is not None),
+            ((base, marginal, rings.explain(marginal, taken)[""]) for base, marginal, taken in given),
             key=lambda each: each[1].log_evidence + each[2].log_evidence,
         )
         pair = None if base is None else best_shown_pair(self._problem, self._alone, forms, base)

@@ -107,11 +107,11 @@ def catalogue_columns(problem: LinearProblem, effects: Sequence[Effect]) -> dict
     dict of str to list of Column
         By effect; an empty list where the campaign shows nothing of it.
     """
-    out: dict[str, list[Column]] = {}
-    all_found = on_two_cores(lambda effect: _of_typical_size(problem, effect, effect.shapes), effects)
-    for effect, found in zip(effects, all_found, strict=True):
-        out[effect.name] = _as_columns(effect, effect.shapes, found)
-    return out
+    # This process begins with those of most forms, whose results are large.
+    ordered = sorted(effects, key=lambda effect: -len(effect.shapes))
+    found = on_two_cores(lambda effect: _of_typical_size(problem, effect, effect.shapes), ordered)
+    by_name = {effect.name: _as_columns(effect, effect.shapes, one) for effect, one in zip(ordered, found, strict=True)}
+    return {effect.name: by_name[effect.name] for effect in effects}
 
 
 def distorting(of_sensor: Sequence[Column], forms: Sequence[Column]) -> list[Column]:

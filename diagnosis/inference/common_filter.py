@@ -9,13 +9,13 @@ leaves alone: the cutting law alone misses the rounding. A filter of the force a
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from functools import partial
 from itertools import product
 from typing import Final
 
 import numpy as np
-from sawbench.diagnosis.inference.nuisance import Nuisance
+from sawbench.diagnosis.inference.nuisance import Nuisance, SignatureFunction
 from sawbench.modeling.effects.effect import TransferFunction
 from sawbench.modeling.effects.transfer import Spectrum, delay, low_pass
 from sawbench.modeling.residuals import Baseline, Signature
@@ -38,10 +38,22 @@ def common_filter_nuisances() -> Iterator[Nuisance]:
         Of each corner and order.
     """
     for corner_hz, order in product(_CORNERS_HZ, _ORDERS):
+        transfer = butterworth_in_time(corner_hz, order)
         yield Nuisance(
             name=f"common filter, {corner_hz:g} Hz, order {order}", std=_STD,
-            signature=partial(_rounded, transfer=butterworth_in_time(corner_hz, order)),
+            signature=filtered([(1.0, transfer)]), transfer=transfer,
         )  # fmt: skip
+
+
+def filtered(filters: Sequence[tuple[float, TransferFunction]]) -> SignatureFunction:
+    """What several filters, each times an amplitude, change of the force: of that one spectrum is enough for all.
+
+    Parameters
+    ----------
+    filters : sequence of (float, callable)
+        Amplitude, and frequency in Hz -> complex gain.
+    """
+    return partial(_rounded, transfer=lambda f: 1.0 + sum(size * (gain(f) - 1.0) for size, gain in filters))
 
 
 def butterworth_in_time(corner_hz: float, order: int) -> TransferFunction:

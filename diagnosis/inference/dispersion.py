@@ -19,21 +19,21 @@ from sawbench.diagnosis.inference.evidence import Catalogue, Explanation
 from sawbench.diagnosis.inference.features import orders
 from sawbench.diagnosis.inference.linear_problem import LinearProblem
 from sawbench.diagnosis.inference.marginal import Marginal
+from sawbench.diagnosis.inference.refining import WeighedAlone
 
 
-def noise_factor(
-    problem: LinearProblem, catalogue: Catalogue, beyond: Catalogue, nuisances: Marginal | None = None
-) -> Floats:  # fmt: skip
+def noise_factor(weighed: WeighedAlone, beyond: Catalogue, ordinary: Floats | None = None) -> Floats:
     """Factor on the noise's variance of every feature.
 
     Parameters
     ----------
-    problem : LinearProblem
-    catalogue, beyond : Catalogue
-        Effects of the catalogue, and causes that have a form but no place there. A little of these is in any bench, but
-        not known well enough to trust the equations in which it shows: what it moves counts as noise.
-    nuisances : Marginal, optional
-        Those of the problem, and what else every bench has; without it those of the problem.
+    weighed : WeighedAlone
+        Effects of the catalogue.
+    beyond : Catalogue
+        Causes that have a form but no place there. A little of these is in any bench, but not known well enough to
+        trust the equations in which it shows: what it moves counts as noise.
+    ordinary : ndarray, shape (n, q), optional
+        Nuisance columns of what every bench has beyond those of the problem, times their prior standard deviation.
 
     Returns
     -------
@@ -41,7 +41,7 @@ def noise_factor(
         1 where the best effect and the best one of the catalogue beside it leave no more than an intact machine does;
         the same within an equation, while the machine runs and while it starts.
     """
-    return _factor(problem, _rest_of_two(problem, nuisances or Marginal(problem), catalogue, beyond))
+    return _factor(weighed.problem, _rest_of_two(weighed, beyond, ordinary))
 
 
 def noise_factor_beside(problem: LinearProblem, given: Floats, *, scale: Floats | None = None) -> Floats:
@@ -71,12 +71,15 @@ def _alike(problem: LinearProblem) -> list[np.ndarray]:
     return found
 
 
-def _rest_of_two(problem: LinearProblem, marginal: Marginal, catalogue: Catalogue, beyond: Catalogue) -> Floats:
+def _rest_of_two(weighed: WeighedAlone, beyond: Catalogue, ordinary: Floats | None) -> Floats:
     """What the nuisances and two effects leave, each of any size.
 
     The second is the best beside the first, or one of a sensor's that shows the first as its distorted form says.
     """
-    half = marginal.half(catalogue.stacked)
+    problem, marginal, catalogue, half = weighed.problem, weighed.marginal, weighed.catalogue, weighed.half
+    if ordinary is not None:
+        marginal = marginal.beside(ordinary)
+        half = marginal.half(catalogue.stacked, half)
     first = _most_gain([*catalogue.explain(marginal, half).values(), *beyond.explain(marginal).values()])
     given = _of_any_size(problem, first)
     if first is not None:
@@ -124,6 +127,12 @@ def columns_with_noise(
         name: [replace(column, columns=share * column.columns) for column in entries]
         for name, entries in columns.items()
     }
+
+
+def catalogue_with_noise(problem: LinearProblem, catalogue: Catalogue, variance: Floats) -> Catalogue:
+    """`with_noise` of all columns of a catalogue, for the data of the problem."""
+    share = _share(problem, variance)
+    return catalogue.rescaled(share, share[:, 0] * problem.data)
 
 
 def stacked_with_noise(problem: LinearProblem, columns: Sequence[Floats], variance: Floats | float) -> Floats:

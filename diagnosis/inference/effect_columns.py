@@ -16,12 +16,7 @@ from sawbench.diagnosis.inference.dispersion import noise_factor_beside
 from sawbench.diagnosis.inference.evidence import Catalogue, Explanation
 from sawbench.diagnosis.inference.linear_problem import LinearProblem
 from sawbench.diagnosis.inference.marginal import Marginal
-from sawbench.diagnosis.inference.refining import (
-    add_form,
-    likeliest_pairs,
-    refined,
-    worth_it,
-)
+from sawbench.diagnosis.inference.refining import WeighedAlone, refined, worth_it
 from sawbench.diagnosis.inference.settings import SETTINGS
 from sawbench.diagnosis.inference.shown_pair import best_shown_pair, distortion_of
 
@@ -41,16 +36,24 @@ def effect_columns(problem: LinearProblem) -> dict[str, list[Column]]:
     dict of str to list of Column
         By effect; an empty list where the campaign shows nothing of it.
     """
-    columns = refined(problem, catalogue_columns(problem, problem.campaign.plant.effects))
-    for column in _as_shown(problem, columns):
-        add_form(columns, column)
-    return columns
+    return weighed_effects(problem).columns
 
 
-def _as_shown(problem: LinearProblem, columns: dict[str, list[Column]]) -> list[Column]:
+def weighed_effects(problem: LinearProblem) -> WeighedAlone:
+    """`effect_columns`, with what each effect explains alone.
+
+    Parameters
+    ----------
+    problem : LinearProblem
+    """
+    weighed = refined(WeighedAlone(problem, catalogue_columns(problem, problem.campaign.plant.effects)))
+    return weighed.with_forms(_as_shown(weighed))
+
+
+def _as_shown(weighed: WeighedAlone) -> list[Column]:
     """Best forms of effects as the likeliest effects of sensors show them, and of these beside them."""
-    alone = Marginal(problem)
-    pairs = likeliest_pairs(problem, alone, Catalogue(columns, problem.data))
+    problem, alone, columns = weighed.problem, weighed.marginal, weighed.columns
+    pairs = weighed.likeliest_pairs
     # Of two sensors the second begins: alone, the first stands for what both do.
     ordered = [pair[::-1] if pair[1].effect.distorts is not None else pair for pair in pairs]
     of_sensors = [(sensor, other) for sensor, other in ordered if sensor.effect.distorts is not None]

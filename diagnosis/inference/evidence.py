@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
-from itertools import pairwise, product
+from itertools import islice, pairwise, product
 
 import numpy as np
 from sawbench.bench.recording import Floats
@@ -161,14 +161,28 @@ class Catalogue:
     columns : dict of str to list of Column
         By effect.
     data : ndarray, shape (n,)
+    stacked : ndarray, shape (n, q), optional
+        The columns side by side, where they are parts of that already.
     """
 
-    def __init__(self, columns: dict[str, list[Column]], data: Floats) -> None:
+    def __init__(self, columns: dict[str, list[Column]], data: Floats, stacked: Floats | None = None) -> None:
         self.columns = columns
         entries = [column.columns for found in columns.values() for column in found]
-        self.stacked = side_by_side(entries, len(data))
+        self.stacked = side_by_side(entries, len(data)) if stacked is None else stacked
         self.moments = self.stacked.T @ data
         self.squares = [columns.T @ columns for columns in entries]
+
+    def rescaled(self, share: Floats, data: Floats) -> Catalogue:
+        """The same columns times a share of each row, shape (n, 1), for other data."""
+        stacked, start = share * self.stacked, 0
+        columns: dict[str, list[Column]] = {}
+        for name, entries in self.columns.items():
+            columns[name] = []
+            for column in entries:
+                place = slice(start, start + column.columns.shape[1])
+                columns[name].append(replace(column, columns=stacked[:, place]))
+                start = place.stop
+        return Catalogue(columns, data, stacked)
 
     def explain(
         self, marginal: Marginal, half: Floats | None = None, *, beside: Collection[str] = ()
@@ -177,21 +191,24 @@ class Catalogue:
 
         `half` is `Marginal.half` of `stacked`.
         """
-        half = marginal.half(self.stacked) if half is None else half
-        taken = half.T @ marginal.data_half
-        found, start, number = {}, 0, 0
+        inner, found = iter(self.grams(marginal, half)), {}
         for name, entries in self.columns.items():
-            there, inner = [], []
-            for column in entries:
-                place = slice(start, start + column.columns.shape[1])
-                if column.is_there_beside(beside):
-                    part = half[:, place]
-                    there.append(column)
-                    inner.append((self.squares[number] - part.T @ part, self.moments[place] - taken[place]))
-                start, number = place.stop, number + 1
-            if inner:
-                found[name] = _explanation(there, inner, marginal.settings.forms.size_temperature)
+            own = zip(entries, islice(inner, len(entries)), strict=True)
+            there = [(column, products) for column, products in own if column.is_there_beside(beside)]
+            if there:
+                columns, products = zip(*there, strict=True)
+                found[name] = _explanation(columns, products, marginal.settings.forms.size_temperature)
         return found
+
+    def grams(self, marginal: Marginal, half: Floats | None = None) -> list[tuple[Floats, Floats]]:
+        """`Marginal.gram` of every column; `half` is `Marginal.half` of `stacked`."""
+        half = marginal.half(self.stacked) if half is None else half
+        moments = self.moments - half.T @ marginal.data_half
+        ends = np.cumsum([0, *(len(square) for square in self.squares)])
+        return [
+            (square - half[:, a:b].T @ half[:, a:b], moments[a:b])
+            for square, (a, b) in zip(self.squares, pairwise(ends), strict=True)
+        ]
 
 
 def _explanation(

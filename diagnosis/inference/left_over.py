@@ -30,9 +30,18 @@ def left_over(
     explanation : Explanation, optional
         An effect whose contribution is taken off first.
     """
-    data = problem.data if explanation is None else problem.data - explanation.contribution
-    best, rest = marginal.split(data)
-    return float(dispersion @ rest**2 + best @ best) / len(data)
+    return left_over_by_each(problem, dispersion, marginal, [explanation])[0]
+
+
+def left_over_by_each(
+    problem: LinearProblem, dispersion: Floats, marginal: Marginal, explanations: Sequence[Explanation | None]
+) -> list[float]:
+    """`left_over` where the contribution of one effect is taken off, for each of several, in one pass."""
+    left = np.empty((len(explanations), len(problem.data)))
+    for row, explanation in zip(left, explanations, strict=True):
+        row[:] = problem.data if explanation is None else problem.data - explanation.contribution
+    best, rest = marginal.split(left.T)
+    return [float(dispersion @ r**2 + b @ b) / len(r) for b, r in zip(best.T, rest.T, strict=True)]
 
 
 def left_by(problem: LinearProblem, dispersion: Floats, nominal: Marginal, members: Sequence[Explanation]) -> float:

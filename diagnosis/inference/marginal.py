@@ -43,6 +43,7 @@ class Marginal:
         design = design[self._rows]
         self._blocks: tuple[Patchwork, ...] = (Patchwork(design),)
         self._root = _root_of(self._inner(design))
+        self._without: Marginal | None = None
         if extra is not None:
             self._extend(extra[self._rows])
 
@@ -50,7 +51,7 @@ class Marginal:
         """With further nuisance columns, shape (n, q), times their prior standard deviation: what is known is kept."""
         found = Marginal.__new__(Marginal)
         found.settings, found.data, found._rows = self.settings, self.data, self._rows
-        found._blocks, found._root = self._blocks, self._root
+        found._blocks, found._root, found._without = self._blocks, self._root, self
         found._extend(extra[self._rows])
         return found
 
@@ -64,7 +65,7 @@ class Marginal:
     @cached_property
     def data_half(self) -> Floats:
         """`half` of the data."""
-        return self.half(self.data)
+        return self.half(self.data, None if self._without is None else self._without.data_half)
 
     @property
     def misfit(self) -> float:
@@ -82,7 +83,7 @@ class Marginal:
         return -0.5 * (self.misfit + self.log_determinant)
 
     def half(self, columns: Floats, known: Floats | None = None) -> Floats:
-        """What of columns, shape (n, q), the nuisances take up: h with S' M^-1 T = S' T - h(S)' h(T), shape (p, q).
+        """What of columns, shape (n,) or (n, q), the nuisances take up: h with S' M^-1 T = S' T - h(S)' h(T), (p, q).
 
         `known` is `half` of the same columns without the nuisances that were added last.
         """
@@ -92,7 +93,7 @@ class Marginal:
             return solve_triangular(self._root, self._inner(columns), lower=True)
         n = len(known)
         rest = self._blocks[-1].transposed_times(columns) - self._root[n:, :n] @ known
-        return np.vstack([known, solve_triangular(self._root[n:, n:], rest, lower=True)])
+        return np.concatenate([known, solve_triangular(self._root[n:, n:], rest, lower=True)])
 
     def taken_up(self) -> Floats:
         """What the nuisances take up of every feature: H, shape (p, n), with M^-1 = I - H' H."""
@@ -104,6 +105,12 @@ class Marginal:
     def gram(self, columns: Floats) -> tuple[Floats, Floats]:
         """S' M^-1 S, shape (q, q), and S' M^-1 y, shape (q,), for full-length columns S, shape (n, q)."""
         return self.grams([columns])[0]
+
+    def square(self, column: Floats) -> float:
+        """S' M^-1 S of one full-length column, shape (n,)."""
+        shown = column[self._rows]
+        half = self.half(shown)
+        return float(shown @ shown - half @ half)
 
     def grams(self, several: Sequence[Floats]) -> list[tuple[Floats, Floats]]:
         """`gram` of each of several sets of columns, in one pass over the nuisances."""

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 from sawbench.bench.recording import Floats
+from sawbench.modeling.effects.effect import TransferFunction
 from sawbench.modeling.residuals import Baseline, Equation, Signature
 from sawbench.modeling.state import State
 
@@ -39,6 +40,9 @@ class Nuisance:
         It is a shape of the battery's open-circuit curve: known as far as the charge was used.
     is_shared : bool
         All trials have it, although it is listed with what differs between them.
+    transfer : callable, optional
+        Of a filter of the force: the signature is what this makes of the expected force, less that; see
+        `common_filter.filtered`.
     """
 
     name: str
@@ -50,6 +54,7 @@ class Nuisance:
     is_zero: bool = False
     is_curve: bool = False
     is_shared: bool = False
+    transfer: TransferFunction | None = None
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)

@@ -10,10 +10,13 @@ it is a nuisance of every hypothesis alike, the choice favours none.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 
 import numpy as np
 from sawbench.bench.recording import Floats
+from sawbench.bench.second_core import on_two_cores
 from sawbench.diagnosis.inference.columns import Column, forms_beside
+from sawbench.diagnosis.inference.evidence import Catalogue
 from sawbench.diagnosis.inference.marginal import Marginal
 from sawbench.diagnosis.inference.settings import SETTINGS
 from sawbench.modeling.effects.effect import BACKGROUND_SHARE
@@ -22,13 +25,13 @@ from sawbench.modeling.effects.effect import BACKGROUND_SHARE
 _MOST = SETTINGS.forms.least_amplitude / BACKGROUND_SHARE
 
 
-def with_the_form_that_shows(
+def lacking_of_forms_that_show(
     little: Mapping[str, Floats],
     columns: Mapping[str, Sequence[Column]],
     variance: Floats,
-    beside: Sequence[Marginal],
+    beside: Sequence[Sequence[Marginal]],
 ) -> dict[str, Floats]:
-    """Add to the background of every effect at one place what that lacks of the forms that the data show.
+    """What the background of every effect at one place lacks of the forms that the data show.
 
     Parameters
     ----------
@@ -38,28 +41,50 @@ def with_the_form_that_shows(
         By effect, whitened as `little`.
     variance : ndarray, shape (n,)
         Factor on the noise's variance that the data are whitened with; see `dispersion.background_with_noise`.
-    beside : sequence of Marginal
-        Beside what a form may show: each with `little`.
+    beside : sequence of sequence of Marginal
+        Beside what a form may show: each with `little`. Of each sequence the others are the first `Marginal.beside`
+        something more: what that takes up of the forms is worked out once.
 
     Returns
     -------
-    dict of str to ndarray, shape (n, q + r)
+    dict of str to ndarray, shape (n, r)
+        By effect; without those that lack nothing.
     """
-    found = dict(little)
-    for name, entries in columns.items():
-        if not entries or not entries[0].effect.is_at_one_place:
-            continue
-        forms = [column.effect.background_share * column.columns for column in forms_beside(entries)]
-        scaled = [form / variance[:, None] for form in forms]
-        chosen = {at for at in (_that_shows(marginal, scaled) for marginal in beside) if at is not None}
-        found[name] = np.hstack([little[name], *(_lacking(forms[at], little[name]) for at in sorted(chosen))])
-    return found
+    forms = {
+        name: forms_beside(entries)
+        for name, entries in columns.items()
+        if entries and entries[0].effect.is_at_one_place
+    }
+
+    def that_show(asked: tuple[str, Sequence[Marginal]]) -> set[int]:
+        name, marginals = asked
+        scaled = [replace(c, columns=c.columns * (c.effect.background_share / variance)[:, None]) for c in forms[name]]
+        return _that_show(marginals, scaled)
+
+    asked = [(name, marginals) for name in forms for marginals in beside]
+    found: dict[str, set[int]] = {}
+    for (name, _), chosen in zip(asked, on_two_cores(that_show, asked), strict=True):
+        found[name] = found.get(name, set()) | chosen
+    shown = {name: [forms[name][at] for at in sorted(chosen)] for name, chosen in found.items() if chosen}
+    return {
+        name: np.hstack([_lacking(c.effect.background_share * c.columns, little[name]) for c in of_it])
+        for name, of_it in shown.items()
+    }
 
 
-def _that_shows(marginal: Marginal, forms: Sequence[Floats]) -> int | None:
+def _that_show(marginals: Sequence[Marginal], forms: list[Column]) -> set[int]:
+    """Which forms have the most evidence beside the first marginal, and beside each of those that add to it."""
+    catalogue = Catalogue({"": forms}, marginals[0].data)
+    half = marginals[0].half(catalogue.stacked)
+    halves = [half, *(marginal.half(catalogue.stacked, half) for marginal in marginals[1:])]
+    found = (_that_shows(catalogue.grams(*each)) for each in zip(marginals, halves, strict=True))
+    return {at for at in found if at is not None}
+
+
+def _that_shows(grams: Sequence[tuple[Floats, Floats]]) -> int | None:
     """Which form has the most evidence, of amplitudes of unit standard deviation; None where it is no little."""
     gains, amplitudes = [], []
-    for gram, moment in marginal.grams(forms):
+    for gram, moment in grams:
         covariance = np.linalg.inv(np.eye(len(gram)) + gram)
         gains.append(0.5 * float(moment @ covariance @ moment + np.linalg.slogdet(covariance)[1]))
         amplitudes.append(float(np.abs(covariance @ moment).max()))

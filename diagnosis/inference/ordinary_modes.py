@@ -13,21 +13,21 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 from sawbench.bench.recording import Floats
 from sawbench.diagnosis.inference.columns import Column, little_of_each
+from sawbench.diagnosis.inference.dispersion import background_with_noise
 from sawbench.diagnosis.inference.evidence import explain
-from sawbench.diagnosis.inference.linear_problem import LinearProblem
-from sawbench.diagnosis.inference.marginal import Marginal
-from sawbench.diagnosis.inference.one_form import with_the_form_that_shows
-from sawbench.diagnosis.inference.refining import climbed
+from sawbench.diagnosis.inference.one_form import lacking_of_forms_that_show
+from sawbench.diagnosis.inference.refining import WeighedAlone, climbed
 
 
 def ordinary_modes(
-    problem: LinearProblem, beyond: Mapping[str, Sequence[Column]], little: Mapping[str, Floats]
-) -> dict[str, Floats]:
+    weighed: WeighedAlone, beyond: Mapping[str, Sequence[Column]], little: Mapping[str, Floats]
+) -> dict[str, Floats]:  # fmt: skip
     """Nuisance columns for the modes among the causes beyond the catalogue, times their prior standard deviation.
 
     Parameters
     ----------
-    problem : LinearProblem
+    weighed : WeighedAlone
+        Effects of the catalogue.
     beyond : mapping of str to sequence of Column
         Of `catalogue_columns`, of causes beyond the catalogue.
     little : mapping of str to ndarray, shape (n, q)
@@ -38,14 +38,17 @@ def ordinary_modes(
     dict of str to ndarray, shape (n, r)
         By the cause's name.
     """
+    problem = weighed.problem
     forms = {name: list(columns) for name, columns in beyond.items() if columns and columns[0].effect.is_at_one_place}
     if not forms:
         return {}
-    beside = Marginal(problem, extra=np.hstack(list(little.values())))
+    as_measured = np.ones(len(problem.data))
+    beside = weighed.marginal.beside(background_with_noise(little, as_measured))
     for columns in forms.values():
         best = explain(beside, columns)
         assert best is not None
         columns.append(climbed(problem, beside, best).column)
-    of_any_form = little_of_each(problem, forms)
-    beside = beside.beside(np.hstack(list(of_any_form.values())))
-    return with_the_form_that_shows(of_any_form, forms, np.ones(len(problem.data)), [beside])
+    found = little_of_each(problem, forms)
+    beside = beside.beside(background_with_noise(found, as_measured))
+    lacking = lacking_of_forms_that_show(found, forms, as_measured, [[beside]])
+    return {name: np.hstack([of_any, lacking.get(name, of_any[:, :0])]) for name, of_any in found.items()}

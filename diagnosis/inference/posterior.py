@@ -13,15 +13,22 @@ from sawbench.bench.second_core import on_two_cores
 from sawbench.diagnosis.inference.asynchronous import Finding, off_stroke_findings
 from sawbench.diagnosis.inference.beside_known import BesideKnown
 from sawbench.diagnosis.inference.columns import Column, catalogue_columns, forms_beside, known_parts, little_of_each
-from sawbench.diagnosis.inference.dispersion import background_with_noise, columns_with_noise, noise_factor, with_noise
+from sawbench.diagnosis.inference.dispersion import (
+    background_with_noise,
+    catalogue_with_noise,
+    columns_with_noise,
+    noise_factor,
+    with_noise,
+)
 from sawbench.diagnosis.inference.evidence import Catalogue, Explanation
 from sawbench.diagnosis.inference.forming import Forming
 from sawbench.diagnosis.inference.hypothesis import Hypothesis, Verdict
-from sawbench.diagnosis.inference.left_over import left_by, left_over
+from sawbench.diagnosis.inference.left_over import left_by, left_over, left_over_by_each
 from sawbench.diagnosis.inference.linear_problem import LinearProblem
 from sawbench.diagnosis.inference.marginal import Marginal
-from sawbench.diagnosis.inference.one_form import with_the_form_that_shows
+from sawbench.diagnosis.inference.one_form import lacking_of_forms_that_show
 from sawbench.diagnosis.inference.ordinary_modes import ordinary_modes
+from sawbench.diagnosis.inference.refining import WeighedAlone
 from sawbench.diagnosis.inference.retuning import Retuning
 from sawbench.diagnosis.inference.size import together
 from sawbench.diagnosis.inference.stroke_evidence import (
@@ -103,14 +110,14 @@ class Posterior:
 
 
 def judge(
-    problem: LinearProblem, columns: dict[str, list[Column]], *, are_known_certain: bool = True
+    problem: LinearProblem, columns: Mapping[str, Sequence[Column]], *, are_known_certain: bool = True
 ) -> Posterior:  # fmt: skip
     """Weigh all hypotheses against each other.
 
     Parameters
     ----------
     problem : LinearProblem
-    columns : dict of str to list of Column
+    columns : mapping of str to sequence of Column
         Of `catalogue_columns`.
     are_known_certain : bool
         Further effects pay for what the forms of the known ones miss. A search that weighs its causes again, one beside
@@ -120,21 +127,31 @@ def judge(
     -------
     Posterior
     """
-    columns = {name: entries for name, entries in columns.items() if entries}
+    return judge_weighed(WeighedAlone(problem, columns), are_known_certain=are_known_certain)
+
+
+def judge_weighed(weighed: WeighedAlone, *, are_known_certain: bool = True) -> Posterior:
+    """`judge` of effects of which it may be known what they explain alone."""
+    problem = weighed.problem
+    columns = {name: entries for name, entries in weighed.columns.items() if entries}
     campaign, settings = problem.campaign, problem.settings
     plant, effects = campaign.plant, campaign.plant.effects
 
-    def bench_with_background() -> tuple[_Bench]:
-        return (_bench_of(problem, columns),)
+    def asynchronous() -> Finding | None:
+        found = [*off_stroke_findings(campaign.off_stroke, plant.turns_a_cycle), *unsteady_balances(problem)]
+        return max(found, key=lambda finding: finding.log_evidence, default=None)
 
-    def beside_mean_strokes() -> tuple[Any, ...]:
-        asynchronous = [*off_stroke_findings(campaign.off_stroke, plant.turns_a_cycle), *unsteady_balances(problem)]
-        beside = max(asynchronous, key=lambda finding: finding.log_evidence, default=None)
-        return *strokes_say(effects, campaign.states, campaign.strokes, settings, plant.known), beside
-
-    # This process takes the first one, whose result is large.
-    parts: list[Callable[[], tuple[Any, ...]]] = [bench_with_background, beside_mean_strokes]
-    (bench,), (said, of_strokes, beside) = on_two_cores(operator.call, parts, known=effects)
+    # This process takes the first one, which it keeps.
+    parts: list[Callable[[], Any]] = [
+        lambda: weighed.explanations,
+        asynchronous,
+        lambda: little_of_each(problem, columns),
+        lambda: catalogue_columns(problem, plant.beyond_catalogue),
+        lambda: strokes_say(effects, campaign.states, campaign.strokes, settings, plant.known),
+    ]
+    known = (*effects, *plant.beyond_catalogue)
+    _, beside, little, laws, (said, of_strokes) = on_two_cores(operator.call, parts, known=known)
+    bench = _bench_of(weighed, little, laws)
     singles, pairs = _singles_and_pairs(bench)
     listed = {h.name: h.log_evidence for h in singles}
     beyond = beyond_catalogue(bench.forming, bench.nominal, bench.beyond, listed)
@@ -143,20 +160,20 @@ def judge(
     retuning = Retuning(bench.problem, bench.nominal)
     hypotheses = [*_without_effects(bench, retuning), *singles, *pairs]
     hypotheses.append(Hypothesis(other="unknown", log_evidence=max(nobodys.values())))
-    known = {e.name: e for e in effects}
+    by_name = {e.name: e for e in effects}
     for one in said.values():
-        hypotheses = with_strokes(hypotheses, one, known, settings)
+        hypotheses = with_strokes(hypotheses, one, by_name, settings)
     resting, gap = [_resting(bench, h, said) for h in hypotheses], None
     if plant.known and are_known_certain:
         beside_known = BesideKnown(bench.problem, bench.dispersion, bench.forming.small)
         resting, gap = [beside_known.paid(h) for h in resting], beside_known.gap
-    weighed = weigh(
+    ranked = weigh(
         resting, n_effects=len(effects), gap=gap, quiet=problem.quiet, weights=settings.weights
     )  # fmt: skip
     stated = _Stated(problem, columns, bench.dispersion, said)
     explanations = stated.singles(singles, no_gap=hypotheses[0])
     return Posterior(
-        hypotheses=tuple(stated.members(h, explanations) for h in weighed),
+        hypotheses=tuple(stated.members(h, explanations) for h in ranked),
         explanations=tuple(explanations.values()),
         strokes=said,
         finding=beside,
@@ -171,49 +188,49 @@ def judge(
 class _Bench:
     """A problem whose noise is scaled to the residual of the best effects, and what is weighed on it.
 
-    `little` is of the background effects, as measured: by name, shape (n, q).
+    `little` is of the background effects, as measured: by name, shape (n, q). `half` is what `nominal` takes up of the
+    catalogue.
     """
 
     problem: LinearProblem
     dispersion: Floats
     catalogue: Catalogue
     beyond: dict[str, list[Column]]
-    little: Mapping[str, Floats]
+    little: dict[str, Floats]
     nominal: Marginal
+    half: Floats
     forming: Forming
 
 
-def _bench_of(problem: LinearProblem, as_measured: dict[str, list[Column]]) -> _Bench:
-    little, columns = little_of_each(problem, as_measured), as_measured
-    beyond = catalogue_columns(problem, problem.campaign.plant.beyond_catalogue)
-    ordinary = ordinary_modes(problem, beyond, little)
-    catalogue = Catalogue(columns, problem.data)
-    nuisances = Marginal(problem, extra=background_with_noise(ordinary, np.ones(len(problem.data))))
-    dispersion = noise_factor(problem, catalogue, Catalogue(beyond, problem.data), nuisances)
+def _bench_of(weighed: WeighedAlone, little: dict[str, Floats], beyond: dict[str, list[Column]]) -> _Bench:
+    """Scale the noise to what the best effects leave, and add to the background the forms that show."""
+    problem, catalogue = weighed.problem, weighed.catalogue
+    ordinary = ordinary_modes(weighed, beyond, little)
+    dispersion = noise_factor(
+        weighed, Catalogue(beyond, problem.data), background_with_noise(ordinary, np.ones(len(problem.data)))
+    )
+    little = little | ordinary
     if dispersion.max() > 1.0:
+        catalogue = catalogue_with_noise(problem, catalogue, dispersion)
+        beyond = columns_with_noise(problem, beyond, dispersion)
         problem = with_noise(problem, dispersion)
-        columns, beyond = (columns_with_noise(problem, found, dispersion) for found in (columns, beyond))
-        catalogue = Catalogue(columns, problem.data)
-    little |= ordinary
-    little = with_the_form_that_shows(little, as_measured, dispersion, _beside(problem, catalogue, little, dispersion))
     small = background_with_noise(little, dispersion)
     nominal = Marginal(problem, extra=small)
-    forming = Forming(problem, small, nominal, dispersion)
+    half = nominal.half(catalogue.stacked)
+    rough = sorted(catalogue.explain(nominal, half).values(), key=lambda e: -e.log_evidence)
+    likeliest = [nominal.beside(e.column.of_any_size) for e in rough[: problem.settings.forms.n_first]]
+    wide = Marginal(problem, scale=problem.wide_scale, extra=small)
+    # What shows beside no effect, beside each of the likeliest, and where the plant's numbers are wrong.
+    lacking = lacking_of_forms_that_show(little, weighed.columns, dispersion, [[nominal, *likeliest], [wide]])
+    if lacking:
+        nominal = nominal.beside(background_with_noise(lacking, dispersion))
+        half = nominal.half(catalogue.stacked, half)
+        little = little | {name: np.hstack([little[name], found]) for name, found in lacking.items()}
+    forming = Forming(problem, background_with_noise(little, dispersion), nominal, dispersion)
     return _Bench(
         problem=problem, dispersion=dispersion, catalogue=catalogue, beyond=beyond, little=little, nominal=nominal,
-        forming=forming,
+        half=half, forming=forming,
     )  # fmt: skip
-
-
-def _beside(
-    problem: LinearProblem, catalogue: Catalogue, little: Mapping[str, Floats], dispersion: Floats
-) -> list[Marginal]:
-    """Beside what a little of an effect may show: no effect, wrong parameters, each of the likeliest effects."""
-    small = background_with_noise(little, dispersion)
-    nominal = Marginal(problem, extra=small)
-    rough = sorted(catalogue.explain(nominal).values(), key=lambda e: -e.log_evidence)
-    likeliest = [nominal.beside(e.column.of_any_size) for e in rough[: problem.settings.forms.n_first]]
-    return [nominal, Marginal(problem, scale=problem.wide_scale, extra=small), *likeliest]
 
 
 def _without_effects(bench: _Bench, retuning: Retuning) -> list[Hypothesis]:
@@ -233,8 +250,7 @@ def _without_effects(bench: _Bench, retuning: Retuning) -> list[Hypothesis]:
 def _singles_and_pairs(bench: _Bench) -> tuple[list[Hypothesis], list[Hypothesis]]:
     """Weigh every effect, the best ones with what their forms may miss, and pairs of these with any other."""
     numbers, catalogue = bench.problem.settings.forms, bench.catalogue
-    half = bench.nominal.half(catalogue.stacked)
-    rough = sorted(catalogue.explain(bench.nominal, half).values(), key=lambda e: -e.log_evidence)
+    rough = sorted(catalogue.explain(bench.nominal, bench.half).values(), key=lambda e: -e.log_evidence)
     formed = on_two_cores(
         lambda e: bench.forming.single(e, forms_beside(catalogue.columns[e.effect.name])), rough[: numbers.n_formed],
         known=known_parts(catalogue.columns),
@@ -242,15 +258,13 @@ def _singles_and_pairs(bench: _Bench) -> tuple[list[Hypothesis], list[Hypothesis
     formed.sort(key=lambda one: -one.explanation.log_evidence)
     explanations = [*(one.explanation for one in formed), *rough[numbers.n_formed :]]
     explanations.sort(key=lambda e: -e.log_evidence)
+    left = left_over_by_each(bench.problem, bench.dispersion, bench.nominal, explanations)
     singles = [
-        Hypothesis(
-            effects=(e.effect.name,), members=(e,), log_evidence=e.log_evidence,
-            left_over=left_over(bench.problem, bench.dispersion, bench.nominal, e),
-        )
-        for e in explanations
-    ]  # fmt: skip
+        Hypothesis(effects=(e.effect.name,), members=(e,), log_evidence=e.log_evidence, left_over=of_each)
+        for e, of_each in zip(explanations, left, strict=True)
+    ]
     alone = {h.name: h.left_over for h in singles}
-    pairs = bench.forming.pairs(formed[: numbers.n_first], catalogue, half)
+    pairs = bench.forming.pairs(formed[: numbers.n_first], catalogue, bench.half)
     return singles, [_leaving_no_more(h, alone) for h in pairs]
 
 
@@ -277,6 +291,7 @@ class _Stated:
         said: Mapping[str, StrokesSay],
     ) -> None:  # fmt: skip
         self._problem, self._columns, self._dispersion, self._said = problem, columns, dispersion, said
+        self._scaled = Marginal(with_noise(problem, dispersion))
 
     def singles(self, singles: Sequence[Hypothesis], *, no_gap: Hypothesis) -> dict[str, Explanation]:
         """Every effect alone, in the order given."""
@@ -291,7 +306,7 @@ class _Stated:
         if not hypothesis.is_fitted_together:
             return replace(hypothesis, members=tuple(alone[name] for name in hypothesis.effects))
         members = [self._undispersed(m) for m in hypothesis.members]
-        beside = together(self._problem, members, dispersion=self._dispersion)
+        beside = together(self._problem, self._scaled, members, dispersion=self._dispersion)
         return replace(hypothesis, members=tuple(sized_by_strokes(m, self._said) for m in beside))
 
     def _undispersed(self, explanation: Explanation) -> Explanation:

@@ -7,6 +7,7 @@ nearest form leaves is larger than another effect, which would then be claimed b
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from functools import cached_property
 from typing import Final, Protocol, TypeVar
 
 import numpy as np
@@ -33,63 +34,114 @@ _SAME: Final = 0.1
 _DIFFERENCE: Final = 1e-3
 
 
-def refined(problem: LinearProblem, columns: Mapping[str, Sequence[Column]]) -> dict[str, list[Column]]:
-    """Add to the effects that explain most the forms between those of the catalogue that explain more.
-
-    Alone, and beside each other: the best form of an effect alone also stands for what another one explains.
+class WeighedAlone:
+    """Columns of effects, and what each effect explains with the nuisances alone: worked out once, when asked for.
 
     Parameters
     ----------
     problem : LinearProblem
     columns : mapping of str to sequence of Column
         Of `catalogue_columns`.
+    marginal : Marginal, optional
+        Of the problem, where it is there already.
+
+    Attributes
+    ----------
+    problem : LinearProblem
+    marginal : Marginal
+    columns : dict of str to list of Column
+    """
+
+    def __init__(
+        self, problem: LinearProblem, columns: Mapping[str, Sequence[Column]], marginal: Marginal | None = None
+    ) -> None:  # fmt: skip
+        self.problem, self.marginal = problem, Marginal(problem) if marginal is None else marginal
+        self.columns = {name: list(entries) for name, entries in columns.items()}
+
+    @cached_property
+    def catalogue(self) -> Catalogue:
+        """The columns side by side."""
+        return Catalogue(self.columns, self.problem.data)
+
+    @cached_property
+    def half(self) -> Floats:
+        """`Marginal.half` of the columns."""
+        return self.marginal.half(self.catalogue.stacked)
+
+    @cached_property
+    def explanations(self) -> dict[str, Explanation]:
+        """Of every effect that shows anything."""
+        return self.catalogue.explain(self.marginal, self.half)
+
+    @cached_property
+    def best(self) -> list[Explanation]:
+        """Effects whose form matters, most evidence first."""
+        return worth_it(self.explanations, self.problem.settings.forms.worth_forming)
+
+    @cached_property
+    def likeliest_pairs(self) -> list[tuple[Explanation, Explanation]]:
+        """Each of the best effects with what explains more beside it, by their log evidence, most of it first."""
+        forms = self.problem.settings.forms
+        firsts = self.best[: forms.n_first]
+        pairs: dict[frozenset[str], tuple[float, Explanation, Explanation]] = {}
+
+        def seconds_of(first: Explanation) -> list[Explanation]:
+            given = self.marginal.beside(first.column.of_any_size)
+            found = self.catalogue.explain(given, given.half(self.catalogue.stacked, self.half))
+            return worth_it(found, forms.worth_forming)
+
+        beside = on_two_cores(seconds_of, firsts, known=known_parts(self.columns))
+        for first, seconds in zip(firsts, beside, strict=True):
+            for second in seconds:
+                names = frozenset((first.effect.name, second.effect.name))
+                total = first.log_evidence + second.log_evidence
+                if len(names) == 2 and total > pairs.get(names, (-np.inf,))[0]:
+                    pairs[names] = (total, first, second)
+        best = sorted(pairs.values(), key=lambda pair: -pair[0])[: forms.n_pairs]
+        return [(first, second) for _, first, second in best]
+
+    def with_forms(self, further: Sequence[Column]) -> WeighedAlone:
+        """The same with further forms of its effects; itself, where it has them all."""
+        columns = {name: list(entries) for name, entries in self.columns.items()}
+        for column in further:
+            if not any(column.is_form_of(known) for known in columns[column.effect.name]):
+                columns[column.effect.name].append(column)
+        has_all = all(len(entries) == len(columns[name]) for name, entries in self.columns.items())
+        return self if has_all else WeighedAlone(self.problem, columns, self.marginal)
+
+
+def refined(weighed: WeighedAlone) -> WeighedAlone:
+    """Add to the effects that explain most the forms between those of the catalogue that explain more.
+
+    Alone, and beside each other: the best form of an effect alone also stands for what another one explains.
+
+    Parameters
+    ----------
+    weighed : WeighedAlone
+        With the forms of the catalogue.
 
     Returns
     -------
-    dict of str to list of Column
-        As given; one column more for each better form that was found.
+    WeighedAlone
+        One column more for each better form that was found.
     """
-    forms, marginal = problem.settings.forms, Marginal(problem)
-    out = {name: list(entries) for name, entries in columns.items()}
-    alone = worth_it(Catalogue(out, problem.data).explain(marginal), forms.worth_forming)
-    best = [e for e in alone if e.effect.continuous][: forms.n_first]
-    known = known_parts(out)
-    for column in on_two_cores(lambda e: _between(problem, marginal, e, out[e.effect.name]), best, known=known):
-        add_form(out, column)
-    for column in _refined_beside(problem, marginal, Catalogue(out, problem.data)):
-        add_form(out, column)
-    return out
+    problem, columns = weighed.problem, weighed.columns
+    best = [e for e in weighed.best if e.effect.continuous][: problem.settings.forms.n_first]
+    found = on_two_cores(
+        lambda e: _between(problem, weighed.marginal, e, columns[e.effect.name]), best, known=known_parts(columns)
+    )
+    weighed = weighed.with_forms(found)
+    return weighed.with_forms(_refined_beside(weighed))
 
 
-def _refined_beside(problem: LinearProblem, marginal: Marginal, catalogue: Catalogue) -> list[Column]:
+def _refined_beside(weighed: WeighedAlone) -> list[Column]:
     """Better forms of the likeliest pairs."""
-    best, known = likeliest_pairs(problem, marginal, catalogue), known_parts(catalogue.columns)
-    both = on_two_cores(lambda pair: _between_both(problem, marginal, catalogue, *pair), best, known=known)
+    problem, marginal, catalogue = weighed.problem, weighed.marginal, weighed.catalogue
+    both = on_two_cores(
+        lambda pair: _between_both(problem, marginal, catalogue, *pair), weighed.likeliest_pairs,
+        known=known_parts(catalogue.columns),
+    )  # fmt: skip
     return [column for pair in both for column in pair]
-
-
-def likeliest_pairs(
-    problem: LinearProblem, marginal: Marginal, catalogue: Catalogue
-) -> list[tuple[Explanation, Explanation]]:
-    """Each of the best effects alone with what explains more beside it, by their log evidence, most of it first."""
-    forms, half = problem.settings.forms, marginal.half(catalogue.stacked)
-    firsts = worth_it(catalogue.explain(marginal, half), forms.worth_forming)[: forms.n_first]
-    pairs: dict[frozenset[str], tuple[float, Explanation, Explanation]] = {}
-
-    def seconds_of(first: Explanation) -> list[Explanation]:
-        given = marginal.beside(first.column.of_any_size)
-        found = catalogue.explain(given, given.half(catalogue.stacked, half))
-        return worth_it(found, forms.worth_forming)
-
-    beside = on_two_cores(seconds_of, firsts, known=known_parts(catalogue.columns))
-    for first, seconds in zip(firsts, beside, strict=True):
-        for second in seconds:
-            names = frozenset((first.effect.name, second.effect.name))
-            total = first.log_evidence + second.log_evidence
-            if len(names) == 2 and total > pairs.get(names, (-np.inf,))[0]:
-                pairs[names] = (total, first, second)
-    best = sorted(pairs.values(), key=lambda pair: -pair[0])[: forms.n_pairs]
-    return [(first, second) for _, first, second in best]
 
 
 def _between_both(
@@ -106,13 +158,6 @@ def _between_both(
 def worth_it(found: Mapping[str, Explanation], least: float) -> list[Explanation]:
     """Effects whose form matters, for their log evidence, most of it first."""
     return [e for e in sorted(found.values(), key=lambda e: -e.log_evidence) if e.log_evidence > least]
-
-
-def add_form(columns: dict[str, list[Column]], column: Column) -> None:
-    """Add a form to those of its effect, unless it is one of them."""
-    effect = column.effect
-    if not any(column.is_form_of(known) for known in columns[effect.name]):
-        columns[effect.name].append(column)
 
 
 def _between(problem: LinearProblem, marginal: Marginal, best: Explanation, columns: Sequence[Column]) -> Column:
@@ -134,8 +179,12 @@ def climbed(problem: LinearProblem, marginal: Marginal, explanation: Explanation
         numbers = dict(zip(bounds, np.exp(place).tolist(), strict=True))
         return explain(marginal, columns_in(problem, effect, [{**shape, **numbers}], distortion))
 
+    def signatures(fitted: Explanation) -> Callable[[Explanation], Floats]:
+        sizes = coefficients(fitted)[:, None]
+        return lambda found: found.column.columns @ sizes
+
     return gauss_newton(
-        marginal, explanation, at, lambda found, fitted: found.column.columns @ coefficients(fitted)[:, None],
+        marginal, explanation, at, signatures,
         here=np.log([shape[name] for name in bounds]), bounds=np.log(np.reshape(list(bounds.values()), (-1, 2))),
     )  # fmt: skip
 
@@ -144,7 +193,7 @@ def gauss_newton(
     marginal: Marginal,
     begun: Found,
     at: Callable[[Floats], Found | None],
-    signatures: Callable[[Found, Found], Floats],
+    signatures: Callable[[Found], Callable[[Found], Floats]],
     *,
     here: Floats,
     bounds: Floats,
@@ -159,17 +208,18 @@ def gauss_newton(
     at : callable
         Numbers, shape (k,) -> what is found there, None where nothing shows.
     signatures : callable
-        (found, fitted) -> the signatures of the first with the coefficients of the second, shape (n, m), whose sum is
-        all.
+        What is fitted -> what is found -> the signatures of the second with the coefficients of the first, shape
+        (n, m), whose sum is all.
     here : ndarray, shape (k,)
         Where to begin.
     bounds : ndarray, shape (k, 2)
     """
     best, (low, high) = begun, bounds.T
     for _ in range(_N_STEPS if len(here) else 0):
-        own = signatures(best, best)
+        of_size = signatures(best)
+        own = of_size(best)
         beside = [at(here + step) for step in _DIFFERENCE * np.eye(len(here))]
-        slopes = [(signatures(f, best) - own).sum(axis=1) / _DIFFERENCE for f in beside if f is not None]
+        slopes = [(of_size(f) - own).sum(axis=1) / _DIFFERENCE for f in beside if f is not None]
         if len(slopes) < len(here):
             break
         m = own.shape[1]

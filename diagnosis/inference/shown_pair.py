@@ -6,12 +6,13 @@ refined while the other one is kept.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
 from sawbench.bench.recording import Floats
+from sawbench.bench.second_core import on_two_cores
 from sawbench.diagnosis.inference.columns import Column, Distortion, KeptForms, columns_in
 from sawbench.diagnosis.inference.evidence import Explanation, explain
 from sawbench.diagnosis.inference.form_numbers import choices, kind, of_same_choices, ranges
@@ -76,7 +77,8 @@ def best_shown_pair(
     laws = [same, [shape for shape in other.effect.shapes if shape not in same]]
     found = [pairs.of(pair.sensor.column, law) for pair in begun[:_N_CLIMBED] for law in laws if law]
     chosen = sorted((pair for pair in found if pair is not None), key=lambda pair: -pair.log_evidence)
-    best = max(map(pairs.climbed, chosen[:_N_CLIMBED]), key=lambda pair: pair.log_evidence, default=None)
+    climbed_pairs = on_two_cores(pairs.climbed, chosen[:_N_CLIMBED], known=(other.effect, as_they_are.effect))
+    best = max(climbed_pairs, key=lambda pair: pair.log_evidence, default=None)
     least = beside_other.log_evidence + as_they_are.log_evidence + problem.settings.forms.worth_forming
     return best if best is not None and best.log_evidence > least else None
 
@@ -130,13 +132,11 @@ class _Pairs:
         )  # fmt: skip
 
 
-def _signatures(found: ShownPair, fitted: ShownPair) -> Floats:
-    """Of both effects, with the coefficients that were fitted to others of their forms, shape (n, 2)."""
-    return np.column_stack(
-        [
-            found.sensor.column.columns @ coefficients(fitted.sensor),
-            found.shown.column.columns @ coefficients(fitted.shown),
-        ]
+def _signatures(fitted: ShownPair) -> Callable[[ShownPair], Floats]:
+    """Signatures of both effects in any of their forms, shape (n, 2), with the coefficients that were fitted to one."""
+    of_sensor, of_shown = coefficients(fitted.sensor), coefficients(fitted.shown)
+    return lambda found: np.column_stack(
+        [found.sensor.column.columns @ of_sensor, found.shown.column.columns @ of_shown]
     )
 
 

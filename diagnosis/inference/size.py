@@ -210,12 +210,16 @@ def number_of_form(column: Column) -> str | None:
     return key if one != two and key in effect.continuous else None
 
 
-def together(problem: LinearProblem, members: Sequence[Explanation], *, dispersion: Floats) -> list[Explanation]:
+def together(
+    problem: LinearProblem, marginal: Marginal, members: Sequence[Explanation], *, dispersion: Floats
+) -> list[Explanation]:
     """Sizes of several effects that act at once, by least squares with the nuisances.
 
     Parameters
     ----------
     problem : LinearProblem
+    marginal : Marginal
+        Of the problem `with_noise` of that dispersion.
     members : sequence of Explanation
         Their forms are kept.
     dispersion : ndarray, shape (n,)
@@ -227,7 +231,7 @@ def together(problem: LinearProblem, members: Sequence[Explanation], *, dispersi
         With amplitude, its standard deviation and contribution in the presence of the others.
     """
     stacked = stacked_with_noise(problem, [m.column.columns for m in members], dispersion)
-    gram, moment = Marginal(with_noise(problem, dispersion)).gram(stacked)
+    gram, moment = marginal.gram(stacked)
     covariance = np.linalg.pinv(gram)
     solution = covariance @ moment
     found, start = [], 0

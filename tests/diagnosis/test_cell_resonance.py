@@ -9,7 +9,7 @@ import pytest
 from sawbench.diagnosis.answer.signals import signal_findings
 from sawbench.diagnosis.campaign import with_known
 from sawbench.diagnosis.inference.cell_resonance import with_cell_resonance
-from sawbench.diagnosis.inference.posterior import judge
+from sawbench.diagnosis.inference.posterior import judge_weighed
 from sawbench.diagnosis.signal_health import ChannelHealth
 
 from tests.rigs.jigsaw_in_time import K_CUT, RADIUS
@@ -39,16 +39,15 @@ def found(ringing):
 
 
 def test_a_cell_that_rings_is_found_and_no_gap(found):
-    problem, columns = found
-    (ring,) = problem.campaign.plant.known
+    (ring,) = found.problem.campaign.plant.known
     assert ring.name == "load_cell_resonance.frequency_hz"
     assert ring.value == pytest.approx(RING_HZ, abs=max(0.01 * RING_HZ, 3.0 * ring.std))
     assert ring.form["damping"] == pytest.approx(DAMPING, rel=0.3)
-    assert judge(problem, columns).verdict == "no_gap"
+    assert judge_weighed(found).verdict == "no_gap"
 
 
 def test_it_is_listed_among_the_signals(found):
-    (listed,) = [one for one in signal_findings(found[0].campaign, None) if one["finding"] == "resonance"]
+    (listed,) = [one for one in signal_findings(found.problem.campaign, None) if one["finding"] == "resonance"]
     assert listed["channel"] == "force_n"
     assert listed["frequency_hz"] == pytest.approx(RING_HZ, rel=0.01)
     assert listed["magnitude"] == pytest.approx(0.5 / DAMPING, rel=0.3)
@@ -56,19 +55,19 @@ def test_it_is_listed_among_the_signals(found):
 
 
 def test_one_that_the_configuration_states_is_not_looked_for_again(ringing, found):
-    (ring,) = found[0].campaign.plant.known
+    (ring,) = found.problem.campaign.plant.known
     stated = with_known(ringing, (ring.at(RING_HZ),))
-    (again,) = with_cell_resonance(stated)[0].campaign.plant.known
+    (again,) = with_cell_resonance(stated).problem.campaign.plant.known
     assert again.value == RING_HZ
 
 
 def test_the_law_of_cutting_is_named_behind_a_cell_that_rings():
     law = 0.6
     cut = strokes(cut=lambda speed, travelled, force: 170.0 * speed**law, ring=(RING_HZ, DAMPING))
-    problem, columns = with_cell_resonance(campaign_of(cut))
-    (ring,) = problem.campaign.plant.known
+    weighed = with_cell_resonance(campaign_of(cut))
+    (ring,) = weighed.problem.campaign.plant.known
     assert ring.value == pytest.approx(RING_HZ, rel=0.02)
-    best = judge(problem, columns).best
+    best = judge_weighed(weighed).best
     assert best.effects == ("cutting_speed_exponent",)
     assert best.members[0].strength == pytest.approx(law, abs=0.1)
 
@@ -79,7 +78,7 @@ def test_a_narrow_one_behind_sharper_edges_is_found():
     cut = strokes(
         cut=lambda speed, travelled, force: K_CUT * speed + 60.0 * np.tanh(speed / 0.08), ring=(ring_hz, damping)
     )
-    (ring,) = with_cell_resonance(campaign_of(cut))[0].campaign.plant.known
+    (ring,) = with_cell_resonance(campaign_of(cut)).problem.campaign.plant.known
     assert ring.value == pytest.approx(ring_hz, rel=0.01)
     assert ring.form["damping"] < 2.0 * damping
 
@@ -87,7 +86,7 @@ def test_a_narrow_one_behind_sharper_edges_is_found():
 def test_one_above_the_carriages_frequencies_is_found():
     ring_hz = 426.0
     cut = strokes(cut=lambda speed, travelled, force: (K_CUT * speed + 20.0) * (speed > 0.0), ring=(ring_hz, DAMPING))
-    (ring,) = with_cell_resonance(campaign_of(cut))[0].campaign.plant.known
+    (ring,) = with_cell_resonance(campaign_of(cut)).problem.campaign.plant.known
     assert ring.value == pytest.approx(ring_hz, rel=0.02)
 
 
@@ -108,10 +107,10 @@ def _late(speed, travelled, force):
     ids=["intact", "late teeth", "law", "edge force", "fast carriage", "just below the range"],
 )
 def test_nothing_else_is_taken_for_it(machine):
-    assert with_cell_resonance(campaign_of(strokes(**machine)))[0].campaign.plant.known == ()
+    assert with_cell_resonance(campaign_of(strokes(**machine))).problem.campaign.plant.known == ()
 
 
 def test_what_the_force_was_not_sampled_for_is_not_looked_for(ringing):
     (health,) = ringing.health
     slow = replace(ringing, health=(replace(health, rate_hz=900.0),))
-    assert with_cell_resonance(slow)[0].campaign.plant.known == ()
+    assert with_cell_resonance(slow).problem.campaign.plant.known == ()

@@ -15,7 +15,6 @@ from sawbench.diagnosis.answer.claim import (
     is_cause,
     is_most_of_a_gap,
     is_there,
-    sized_members,
 )
 from sawbench.diagnosis.answer.detection_limits import detection_limits
 from sawbench.diagnosis.answer.hold_out import HoldOut
@@ -128,7 +127,7 @@ def with_columns(problem, columns, name, size):
 def answered(problem, columns):
     posterior = judge(problem, columns)
     predictions = OfFeatures(problem, columns, posterior)
-    held = held_to_predictions(problem, columns, posterior, predictions)
+    held = held_to_predictions(problem, posterior, predictions)
     assert sum(h.probability for h in held.hypotheses) == pytest.approx(1.0)
     return posterior, held, predictions
 
@@ -143,7 +142,7 @@ def certain_of(posterior, name, sure_by=1.0):
 def agrees(problem, columns, posterior, predictions):
     best = posterior.best
     _, (low, _) = predictions.of(best).ladder.closed_in(equations_of(problem, best.members))
-    return low > 0.0 and all(is_there(m) for m in sized_members(problem, columns, posterior, best))
+    return low > 0.0 and all(is_there(m) for m in predictions.sized(best))
 
 
 def test_a_true_effect_of_typical_size_is_still_declared(problem, columns):
@@ -189,7 +188,7 @@ def test_what_predicts_nothing_hands_its_probability_to_what_is_left_without_it(
         wave[part.place] *= 3.0 * (-1.0) ** number
     data = replace(problem, data=problem.data + wave)
     declared = certain_of(judge(data, columns), FRICTION)
-    held = held_to_predictions(data, columns, declared, OfFeatures(data, columns, declared))
+    held = held_to_predictions(data, declared, OfFeatures(data, columns, declared))
     assert not held.best.effects
     others = sum(held.of(name).probability for name in ("no_gap", "parameters", "unknown"))
     assert held.of(FRICTION).probability == pytest.approx(1.0 - others)
@@ -259,7 +258,7 @@ def test_unknown_that_rests_on_a_law_must_predict_too(problem, columns, is_in_ev
     data = replace(problem, data=problem.data + wave)
     found = judge(data, columns)
     declared = certain_of(replace(found, unlisted={law.name: 50.0, "": -2.0}), "unknown", sure_by=0.9)
-    held = held_to_predictions(data, columns, declared, OfFeatures(data, columns, declared))
+    held = held_to_predictions(data, declared, OfFeatures(data, columns, declared))
     assert sum(h.probability for h in held.hypotheses) == pytest.approx(1.0)
     if is_in_every_trial:
         assert (held.best.name, held.resembles) == ("unknown", law.name)
@@ -281,7 +280,7 @@ def test_a_law_of_background_size_is_no_answer_where_no_gap_is_left(problem, col
     assert claim._closes(predicted.ladder, acts_in(data, predicted.member))
     assert is_background(predicted.member) != is_named
     assert declared.of("no_gap").left_over <= quiet
-    held = held_to_predictions(data, columns, declared, predictions)
+    held = held_to_predictions(data, declared, predictions)
     assert (held.resembles == law.name) == is_named
 
 
@@ -313,9 +312,10 @@ def test_another_effect_takes_the_place_of_one_that_is_not_there(problem, column
     data = with_columns(with_columns(problem, columns, RUBBING, 1.0), columns, FRICTION, 1.0)
     found = judge(data, columns)
     pairs = [h for h in found.claims if len(h.effects) == 2 and RUBBING in h.effects and FRICTION not in h.effects]
-    wrong = next(h for h in reversed(pairs) if not all(map(is_there, sized_members(data, columns, found, h))))
+    sized = OfFeatures(data, columns, found).sized
+    wrong = next(h for h in reversed(pairs) if not all(map(is_there, sized(h))))
     declared = certain_of(found, wrong.name, sure_by=0.9)
-    held = held_to_predictions(data, columns, declared, OfFeatures(data, columns, declared))
+    held = held_to_predictions(data, declared, OfFeatures(data, columns, declared))
     assert held.of(wrong.name).probability == 0.0
     assert held.best.effects == (FRICTION, RUBBING)
     assert held.best.probability > 0.5
@@ -330,7 +330,7 @@ def test_the_cause_has_the_probability_of_itself_beside_background(problem, colu
     believed = {RUBBING: 0.5, both: 0.45, "unknown": 0.05}
     moved = [replace(h, probability=believed.get(h.name, 0.0)) for h in judged.hypotheses]
     posterior = replace(judged, hypotheses=tuple(sorted(moved, key=lambda h: -h.probability)))
-    tried = claim._with_background(data, columns, posterior, OfFeatures(data, columns, posterior))
+    tried = claim._with_background(data, posterior, OfFeatures(data, columns, posterior))
     assert (tried is not None) == is_little
     if tried is not None:
         assert tried[1].effect.name == FRICTION
@@ -350,7 +350,7 @@ def test_a_second_effect_that_adds_a_hundredth_of_what_stays_unexplained_is_not_
     unexplained = replace(data, data=data.data + problem.project(pattern))
     judged = certain_of(judge(data, columns), both)
     for nature, expected in ((data, (FRICTION, RUBBING)), (unexplained, (RUBBING,))):
-        held = held_to_predictions(nature, columns, judged, OfFeatures(nature, columns, judged))
+        held = held_to_predictions(nature, judged, OfFeatures(nature, columns, judged))
         assert set(held.best.effects) <= set(expected)
         assert (FRICTION in held.best.effects) == (FRICTION in expected)
 
@@ -364,7 +364,7 @@ def test_what_stays_unexplained_counts_in_the_equations_where_an_effect_acts(pro
     # Thirty times as much as the friction explains, of either equation.
     unexplained = replace(data, data=data.data + whitened * np.sqrt(30.0 * 0.5**2 * gain / np.sum(whitened**2)))
     judged = certain_of(judge(data, columns), " + ".join(sorted((FRICTION, RUBBING))))
-    held = held_to_predictions(unexplained, columns, judged, OfFeatures(unexplained, columns, judged))
+    held = held_to_predictions(unexplained, judged, OfFeatures(unexplained, columns, judged))
     assert (FRICTION in held.best.effects) == is_named
     assert RUBBING in held.best.effects
 
@@ -405,7 +405,7 @@ def test_a_cause_is_named_by_what_it_closes(problem, columns, retuned, with_effe
         def beyond_a_little(self, hypothesis):
             return self.of(hypothesis).ladder
 
-    held = held_to_predictions(data, columns, declared, Predicted(data, columns, declared))
+    held = held_to_predictions(data, declared, Predicted(data, columns, declared))
     assert (held.best.effects == (FRICTION,)) == is_named
 
 
@@ -430,11 +430,11 @@ def test_a_cause_whose_model_misses_the_channels_by_more_is_not_named(problem, c
 
     by_channel = {"force_n": (force_n, "N"), "motor_current_a": (current, "A")}
     judged = judge(data, columns)
-    held = held_to_predictions(data, columns, judged, Forecast(data, columns, judged, by_channel))
+    held = held_to_predictions(data, judged, Forecast(data, columns, judged, by_channel))
     assert judged.best.effects == (RUBBING,)
     assert (held.best.effects == (RUBBING,)) == is_named
     # One operating point that the kept ones cannot extrapolate to says nothing of the cause.
-    at_one = held_to_predictions(data, columns, judged, Forecast(data, columns, judged, by_channel, errs_at="b"))
+    at_one = held_to_predictions(data, judged, Forecast(data, columns, judged, by_channel, errs_at="b"))
     assert at_one.best.effects == (RUBBING,)
 
 
@@ -452,7 +452,7 @@ def test_a_channel_that_no_model_was_fitted_to_says_nothing_against_a_cause(has_
 
     by_channel = {"force_n": (force, "N"), "battery_voltage_v": (voltage, "V")}
     judged = judge(data, columns)
-    held = held_to_predictions(data, columns, judged, Forecast(data, columns, judged, by_channel))
+    held = held_to_predictions(data, judged, Forecast(data, columns, judged, by_channel))
     assert judged.best.effects == (RUBBING,)
     assert (held.best.effects == (RUBBING,)) != has_battery_current
 
@@ -543,7 +543,7 @@ def test_a_cause_below_the_least_magnitude_of_one_is_no_gap(problem, columns):
     declared = certain_of(judge(data, columns), RUBBING)
     small = replace(declared.best, members=(replace(declared.best.members[0], mixture=(0.12, 0.06)),))
     alone = replace(declared, hypotheses=(small, *declared.hypotheses[1:]))
-    held = held_to_predictions(data, columns, alone, OfFeatures(data, columns, alone))
+    held = held_to_predictions(data, alone, OfFeatures(data, columns, alone))
     assert held.best.name == "no_gap"
 
 
@@ -568,7 +568,7 @@ def test_what_removes_less_than_half_of_hardly_a_gap_is_no_cause(problem, column
     data = with_columns(problem, columns, RUBBING, 1.0)
     declared = certain_of(judge(data, columns), RUBBING)
     predictions = Leaving(data, columns, declared, level=level, closed=closed)
-    held = held_to_predictions(data, columns, declared, predictions)
+    held = held_to_predictions(data, declared, predictions)
     assert (held.best.name == RUBBING) == is_claimed
     assert held.best.effects == ((RUBBING,) if is_claimed else ())
 
@@ -582,7 +582,7 @@ def test_most_of_hardly_a_gap_is_most_of_what_a_little_of_other_effects_is_not(p
     data = with_columns(problem, columns, RUBBING, 1.0)
     declared = certain_of(judge(data, columns), RUBBING)
     predictions = Leaving(data, columns, declared, level=0.6, closed=closed, closed_beside_a_little=0.8)
-    assert held_to_predictions(data, columns, declared, predictions).best.effects == ((RUBBING,) if is_claimed else ())
+    assert held_to_predictions(data, declared, predictions).best.effects == ((RUBBING,) if is_claimed else ())
 
 
 class LeavingToPairs(Leaving):
@@ -613,7 +613,7 @@ def test_a_second_effect_adds_most_of_what_a_little_of_others_does_not_explain(p
     pair = " + ".join(sorted((FRICTION, RUBBING)))
     declared = certain_of(judge(data, columns), pair)
     predictions = LeavingToPairs(data, columns, declared, closed_beside_a_little=closed)
-    held = held_to_predictions(data, columns, declared, predictions)
+    held = held_to_predictions(data, declared, predictions)
     assert (RUBBING in held.best.effects) == is_claimed
     assert FRICTION in held.best.effects
 
@@ -643,7 +643,7 @@ def test_what_is_small_is_taken_out_before_what_adds_less(problem, columns, monk
         return np.full(3, 30.0 if alone else beside[member.effect.name]), 100.0
 
     monkeypatch.setattr(claim, "_added", added)
-    held = held_to_predictions(data, columns, pair, OfFeatures(data, columns, pair))
+    held = held_to_predictions(data, pair, OfFeatures(data, columns, pair))
     assert FRICTION in held.best.effects
 
 
@@ -696,7 +696,7 @@ def test_a_wave_of_any_form_is_play_only_where_it_is_as_large_as_play(problem, c
     in_air, under_load = np.split(waves, 2, axis=1)
     data = replace(problem, data=0.02 * problem.data + size * (in_air[:, 0] + under_load[:, 0]))
     posterior = certain_of(judge(data, columns), "yoke_backlash")
-    held = held_to_predictions(data, columns, posterior, OfFeatures(data, columns, posterior))
+    held = held_to_predictions(data, posterior, OfFeatures(data, columns, posterior))
     assert ("yoke_backlash" in held.best.effects) == is_declared
 
 
@@ -732,7 +732,7 @@ def test_a_further_effect_is_not_lost_to_a_number_that_would_have_to_be_far_off(
     posterior = judge(data, columns)
     assert number in posterior.freed
     judged = certain_of(posterior, " + ".join(sorted((load, RUBBING))))
-    held = held_to_predictions(data, columns, judged, OfFeatures(data, columns, judged))
+    held = held_to_predictions(data, judged, OfFeatures(data, columns, judged))
     assert set(held.best.effects) == {load, RUBBING}
 
 

@@ -2,19 +2,24 @@
 
 from __future__ import annotations
 
+from types import MappingProxyType
+
 import numpy as np
 import pytest
 from sawbench.diagnosis.inference.columns import Column
 from sawbench.diagnosis.inference.dispersion import columns_with_noise, noise_factor, stacked_with_noise, with_noise
 from sawbench.diagnosis.inference.evidence import Catalogue, explain
 from sawbench.diagnosis.inference.marginal import Marginal
+from sawbench.diagnosis.inference.refining import WeighedAlone
 from sawbench.modeling.effects.catalogue import EFFECT_BY_NAME
 
 from tests.rigs.two_equations import N_BLOCKS, N_CUTTING, N_ELECTRICAL, QUIET, noise, problem_of
 
 pytestmark = pytest.mark.unit
 
-NO_CAUSE = Catalogue({}, np.zeros(N_BLOCKS * (N_CUTTING + N_ELECTRICAL)))
+
+def factor_of(problem, columns=MappingProxyType({}), beyond=MappingProxyType({})):
+    return noise_factor(WeighedAlone(problem, columns), Catalogue(dict(beyond), problem.data))
 
 
 def by_equation(factor):
@@ -28,12 +33,12 @@ def cause(name, wave):
 
 def test_intact_equations_keep_their_noise():
     problem = problem_of(noise(0, N_CUTTING, 0.3), noise(1, N_ELECTRICAL, 0.3))
-    assert np.all(noise_factor(problem, NO_CAUSE, NO_CAUSE) == 1.0)
+    assert np.all(factor_of(problem) == 1.0)
 
 
 def test_noise_rises_only_in_the_equation_where_something_is_left():
     cutting, electrical = noise(2, N_CUTTING, 4.0), noise(3, N_ELECTRICAL, 0.3)
-    in_cutting, in_electrical = by_equation(noise_factor(problem_of(cutting, electrical), NO_CAUSE, NO_CAUSE))
+    in_cutting, in_electrical = by_equation(factor_of(problem_of(cutting, electrical)))
     assert in_cutting == pytest.approx(np.full_like(in_cutting, np.mean(cutting**2) / QUIET))
     assert np.all(in_electrical == 1.0)
 
@@ -41,7 +46,7 @@ def test_noise_rises_only_in_the_equation_where_something_is_left():
 def test_a_start_has_its_own_noise():
     electrical = noise(4, N_ELECTRICAL, 0.3)
     electrical[-10:] *= 20.0
-    factor = noise_factor(problem_of(noise(5, N_CUTTING, 0.3), electrical, n_start_up=10), NO_CAUSE, NO_CAUSE)
+    factor = factor_of(problem_of(noise(5, N_CUTTING, 0.3), electrical, n_start_up=10))
     _, in_electrical = by_equation(factor)
     assert np.all(in_electrical[:-10] == 1.0)
     assert np.all(in_electrical[-10:] > 20.0)
@@ -52,10 +57,10 @@ def test_what_the_best_cause_explains_is_no_noise():
     wave[:, :N_CUTTING] = np.random.default_rng(6).standard_normal((N_BLOCKS, N_CUTTING))
     cutting, electrical = noise(7, N_CUTTING, 0.3) + 1.2 * wave[:, :N_CUTTING], noise(8, N_ELECTRICAL, 0.3)
     problem = problem_of(cutting, electrical)
-    named = Catalogue(cause("edge_force", wave), problem.data)
-    assert np.max(noise_factor(problem, NO_CAUSE, NO_CAUSE)) > 5.0
-    for catalogue, beyond in ((named, NO_CAUSE), (NO_CAUSE, named)):
-        assert np.all(noise_factor(problem, catalogue, beyond) == 1.0)
+    named = cause("edge_force", wave)
+    assert np.max(factor_of(problem)) > 5.0
+    for columns, beyond in ((named, {}), ({}, named)):
+        assert np.all(factor_of(problem, columns, beyond) == 1.0)
 
 
 def test_what_a_second_cause_explains_is_no_noise_and_what_a_third_would_is():
@@ -67,9 +72,9 @@ def test_what_a_second_cause_explains_is_no_noise_and_what_a_third_would_is():
     names = ("edge_force", "return_stroke_rubbing", "brush_voltage_drop")
     columns = {name: column for k, name in enumerate(names) for name, column in cause(name, waves[k]).items()}
     two = problem_of(cutting + (waves[0] + waves[1])[:, :N_CUTTING], electrical)
-    assert np.all(noise_factor(two, Catalogue(columns, two.data), NO_CAUSE) == 1.0)
+    assert np.all(factor_of(two, columns) == 1.0)
     three = problem_of(two.data.reshape(N_BLOCKS, -1)[:, :N_CUTTING], electrical + 0.5 * waves[2, :, N_CUTTING:])
-    in_cutting, in_electrical = by_equation(noise_factor(three, Catalogue(columns, three.data), NO_CAUSE))
+    in_cutting, in_electrical = by_equation(factor_of(three, columns))
     assert np.all(in_cutting == 1.0)
     assert np.all(in_electrical > 5.0)
 
@@ -86,7 +91,7 @@ def test_a_second_effect_keeps_its_evidence_where_the_first_leaves_nothing():
         second[:, N_CUTTING:] + noise(11, N_ELECTRICAL, 0.3),
     )
     columns = cause("edge_force", first) | cause("brush_voltage_drop", second)
-    factor = noise_factor(problem, Catalogue(columns, problem.data), NO_CAUSE)
+    factor = factor_of(problem, columns)
 
     def evidence_of_second(variance):
         scaled = columns_with_noise(problem, columns, variance)

@@ -11,7 +11,7 @@ from sawbench.diagnosis.inference.effect_columns import effect_columns
 from sawbench.diagnosis.inference.evidence import explain
 from sawbench.diagnosis.inference.marginal import Marginal
 from sawbench.diagnosis.inference.posterior import judge
-from sawbench.diagnosis.inference.refining import refined
+from sawbench.diagnosis.inference.refining import WeighedAlone, refined
 
 from tests.rigs.jigsaw_in_time import K_CUT, RADIUS
 from tests.rigs.scattered_strokes import problem_of, strokes
@@ -68,7 +68,7 @@ def test_the_sum_of_two_signatures_leaves_more(problem, columns):
         left, log_evidence = zip(*found, strict=True)
         return min(left), max(log_evidence)
 
-    plain = refined(problem, catalogue_columns(problem, problem.campaign.plant.effects))
+    plain = refined(WeighedAlone(problem, catalogue_columns(problem, problem.campaign.plant.effects))).columns
     (left, log_evidence), (left_by_sum, of_sum) = by_both(columns), by_both(plain)
     assert left < 0.5 * left_by_sum
     assert log_evidence > of_sum + 10.0

@@ -6,24 +6,23 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from sawbench.diagnosis.inference.one_form import with_the_form_that_shows
+from sawbench.diagnosis.inference.columns import Column
+from sawbench.diagnosis.inference.marginal import Marginal
+from sawbench.diagnosis.inference.one_form import lacking_of_forms_that_show
+from sawbench.diagnosis.inference.settings import SETTINGS
+from sawbench.modeling.effects.effect import BACKGROUND_SHARE
 
 N, SHARE = 400, 0.05
 
 
-class Alone:
+def alone(data):
     """Inner products with nothing integrated out."""
-
-    def __init__(self, data):
-        self.data = data
-
-    def grams(self, several):
-        return [(form.T @ form, form.T @ self.data) for form in several]
+    return Marginal(SimpleNamespace(nuisance=np.zeros((N, 0)), data=data, settings=SETTINGS))
 
 
 def forms(*waves, is_at_one_place=True):
-    effect = SimpleNamespace(is_at_one_place=is_at_one_place)
-    return [SimpleNamespace(effect=effect, columns=wave, is_there_beside=lambda _: True) for wave in waves]
+    effect = SimpleNamespace(is_at_one_place=is_at_one_place, background_share=BACKGROUND_SHARE)
+    return [Column(effect=effect, shape={}, columns=wave) for wave in waves]
 
 
 def any_form(entries):
@@ -36,10 +35,10 @@ def cost(wave, little):
     return float(wave @ np.linalg.solve(np.eye(N) + little @ little.T, wave))
 
 
-def found(entries, *data):
-    little = {"resonance": any_form(entries)}
-    beside = [Alone(one) for one in data]
-    return with_the_form_that_shows(little, {"resonance": entries}, np.ones(N), beside)["resonance"]
+def found(entries, *beside):
+    little = any_form(entries)
+    lacking = lacking_of_forms_that_show({"resonance": little}, {"resonance": entries}, np.ones(N), beside)
+    return np.hstack([little, *lacking.values()])
 
 
 @pytest.fixture
@@ -51,7 +50,7 @@ def unlike():
 def test_one_standard_deviation_of_the_form_that_shows_costs_no_more_than_one(unlike):
     seen = SHARE * unlike[7].columns[:, 0]
     assert cost(seen, any_form(unlike)) == pytest.approx(40.0, rel=0.05)
-    little = found(unlike, seen)
+    little = found(unlike, [alone(seen)])
     assert cost(seen, little) == pytest.approx(1.0, rel=0.05)
     other = SHARE * unlike[8].columns[:, 0]
     assert cost(other, little) == pytest.approx(40.0, rel=0.05), "one form, not all of them"
@@ -59,20 +58,28 @@ def test_one_standard_deviation_of_the_form_that_shows_costs_no_more_than_one(un
 
 def test_forms_are_looked_for_beside_each_that_is_given(unlike):
     first, second = (SHARE * unlike[k].columns[:, 0] for k in (3, 21))
-    little = found(unlike, first, second)
+    little = found(unlike, [alone(first)], [alone(second)])
+    assert max(cost(first, little), cost(second, little)) < 1.1
+
+
+def test_forms_are_looked_for_beside_what_another_explains(unlike):
+    first, second = (SHARE * unlike[k].columns[:, 0] for k in (3, 21))
+    nominal = alone(1.2 * first + second)
+    assert cost(second, found(unlike, [nominal])) == pytest.approx(40.0, rel=0.05)
+    little = found(unlike, [nominal, nominal.beside(1e3 * unlike[3].columns)])
     assert max(cost(first, little), cost(second, little)) < 1.1
 
 
 def test_a_form_as_large_as_a_cause_is_no_background(unlike):
     """As seen: a carriage that rings in full beside a law of cutting was an unknown cause."""
     seen = 20.0 * SHARE * unlike[7].columns[:, 0]
-    assert np.array_equal(found(unlike, seen), any_form(unlike))
+    assert np.array_equal(found(unlike, [alone(seen)]), any_form(unlike))
 
 
 def test_forms_that_are_alike_add_nothing():
     wave = np.random.default_rng(4).standard_normal((N, 1))
     alike = forms(*(size * 1e3 * wave for size in (0.99, 1.0, 1.01)))
-    little = found(alike, SHARE * alike[1].columns[:, 0])
+    little = found(alike, [alone(SHARE * alike[1].columns[:, 0])])
     assert np.linalg.norm(little) ** 2 == pytest.approx(np.linalg.norm(any_form(alike)) ** 2, rel=0.02)
 
 
@@ -80,4 +87,4 @@ def test_an_effect_whose_forms_are_no_places_keeps_the_background_of_any_form():
     rng = np.random.default_rng(5)
     entries = forms(*(1e3 * rng.standard_normal((N, 1)) for _ in range(5)), is_at_one_place=False)
     seen = SHARE * entries[0].columns[:, 0]
-    assert np.array_equal(found(entries, seen), any_form(entries))
+    assert np.array_equal(found(entries, [alone(seen)]), any_form(entries))

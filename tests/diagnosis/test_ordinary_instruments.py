@@ -13,6 +13,7 @@ from sawbench.diagnosis.answer.signals import signal_findings
 from sawbench.diagnosis.answer.until_closed import held
 from sawbench.diagnosis.inference.bandwidth import bandwidth_nuisances, is_battery_ahead
 from sawbench.diagnosis.inference.common_filter import common_filter_nuisances
+from sawbench.diagnosis.inference.common_filter import filtered as common_filters
 from sawbench.diagnosis.inference.effect_columns import effect_columns
 from sawbench.diagnosis.inference.force_filter import force_filter_nuisances
 from sawbench.diagnosis.inference.marginal import Marginal
@@ -201,6 +202,13 @@ def test_a_common_filter_leaves_what_its_nuisance_says(corner_hz, order):
     assert set(claimed) == {"cutting"}
     change = seen["cutting"] - intact["cutting"]
     assert np.std(change - claimed["cutting"]) < 0.25 * np.std(change)
+
+
+def test_several_filters_leave_the_sum_of_what_each_does():
+    sizes, nuisances = (0.3, -0.2, 0.7), list(common_filter_nuisances())[:3]
+    parts = [size * n.signature(BASELINE, INTACT)["cutting"] for size, n in zip(sizes, nuisances, strict=True)]
+    together = common_filters(list(zip(sizes, (n.transfer for n in nuisances), strict=True)))
+    assert together(BASELINE, INTACT)["cutting"] == pytest.approx(sum(parts), abs=1e-9)
 
 
 @pytest.mark.parametrize(("corner_hz", "order"), [(300.0, 4), (400.0, 2), (500.0, 1)])

@@ -10,7 +10,7 @@ from sawbench.bench.second_core import second_core
 from sawbench.diagnosis.inference.columns import Column, catalogue_columns, columns_in
 from sawbench.diagnosis.inference.form_numbers import neighbours, ranges
 from sawbench.diagnosis.inference.posterior import judge
-from sawbench.diagnosis.inference.refining import refined
+from sawbench.diagnosis.inference.refining import WeighedAlone, refined
 from sawbench.diagnosis.inference.settings import SETTINGS
 from sawbench.modeling.effects.catalogue import EFFECT_BY_NAME, EFFECTS
 
@@ -26,7 +26,7 @@ TRAVEL_M = 1.8e-4
 
 def weighed(problem, names):
     columns = catalogue_columns(problem, [EFFECT_BY_NAME[name] for name in names])
-    return columns, refined(problem, columns)
+    return columns, refined(WeighedAlone(problem, columns)).columns
 
 
 @pytest.fixture(scope="module")
