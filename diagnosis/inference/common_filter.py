@@ -53,7 +53,7 @@ def filtered(filters: Sequence[tuple[float, TransferFunction]]) -> SignatureFunc
     filters : sequence of (float, callable)
         Amplitude, and frequency in Hz -> complex gain.
     """
-    return partial(_rounded, transfer=lambda f: 1.0 + sum(size * (gain(f) - 1.0) for size, gain in filters))
+    return partial(_rounded, transfer=lambda f: 1.0 + np.sum([size * (gain(f) - 1.0) for size, gain in filters], axis=0))
 
 
 def butterworth_in_time(corner_hz: float, order: int) -> TransferFunction:
