@@ -15,9 +15,10 @@ from itertools import product
 from typing import Final
 
 import numpy as np
+from sawbench.bench.recording import Floats
 from sawbench.diagnosis.inference.nuisance import Nuisance, SignatureFunction
 from sawbench.modeling.effects.effect import TransferFunction
-from sawbench.modeling.effects.transfer import Spectrum, delay, low_pass
+from sawbench.modeling.effects.transfer import Complexes, Spectrum, delay, low_pass
 from sawbench.modeling.residuals import Baseline, Signature
 from sawbench.modeling.state import State
 
@@ -53,7 +54,11 @@ def filtered(filters: Sequence[tuple[float, TransferFunction]]) -> SignatureFunc
     filters : sequence of (float, callable)
         Amplitude, and frequency in Hz -> complex gain.
     """
-    return partial(_rounded, transfer=lambda f: 1.0 + np.sum([size * (gain(f) - 1.0) for size, gain in filters], axis=0))
+
+    def transfer(f: Floats) -> Complexes:
+        return 1.0 + np.sum([size * (gain(f) - 1.0) for size, gain in filters], axis=0)
+
+    return partial(_rounded, transfer=transfer)
 
 
 def butterworth_in_time(corner_hz: float, order: int) -> TransferFunction:
