@@ -141,16 +141,16 @@ def judge_weighed(weighed: WeighedAlone, *, are_known_certain: bool = True) -> P
         found = [*off_stroke_findings(campaign.off_stroke, plant.turns_a_cycle), *unsteady_balances(problem)]
         return max(found, key=lambda finding: finding.log_evidence, default=None)
 
-    # This process takes the first one, which it keeps.
+    # This process takes the first one, which it keeps; the other one the last, the longest.
     parts: list[Callable[[], Any]] = [
         lambda: weighed.explanations,
         asynchronous,
         lambda: little_of_each(problem, columns),
-        lambda: catalogue_columns(problem, plant.beyond_catalogue),
         lambda: strokes_say(effects, campaign.states, campaign.strokes, settings, plant.known),
+        lambda: catalogue_columns(problem, plant.beyond_catalogue),
     ]
     known = (*effects, *plant.beyond_catalogue)
-    _, beside, little, laws, (said, of_strokes) = on_two_cores(operator.call, parts, known=known)
+    _, beside, little, (said, of_strokes), laws = on_two_cores(operator.call, parts, known=known)
     bench = _bench_of(weighed, little, laws)
     singles, pairs = _singles_and_pairs(bench)
     listed = {h.name: h.log_evidence for h in singles}

@@ -32,16 +32,12 @@ def _prepared(baseline: Baseline, state: State) -> Callable[..., tuple[Signature
     if pushed_n is None:
         return lambda **shape: ({},)
     pushed, angle_rad = Spectrum(pushed_n, state), state.angle_rad[0]
-    waves = np.concatenate([f(np.outer(np.arange(1, max(_HARMONICS) + 1), angle_rad)) for f in (np.cos, np.sin)])
-    of_each = [_read_off(baseline, state, np.broadcast_to(wave, state.angle_rad.shape)) for wave in waves]
-    of_waves: Signature = {name: np.stack([one[name] for one in of_each]) for name in of_each[0]}
 
     def signature(frequency_hz: float, damping: float, harmonics: float) -> tuple[Signature, ...]:
         rings_n = pushed.through(lambda f: resonance(frequency_hz, damping, f)) - pushed_n
         off_m = -np.mean(rings_n, axis=0) / (_MASS_KG * (2.0 * np.pi * frequency_hz) ** 2)
         off_rad = wave_seen(baseline.mechanism, angle_rad, off_m, int(harmonics))
-        sizes = waves @ off_rad * 2.0 / len(off_rad)
-        return ({name: np.tensordot(sizes, of_wave, axes=1) for name, of_wave in of_waves.items()},)
+        return (_read_off(baseline, state, np.broadcast_to(off_rad, state.angle_rad.shape)),)
 
     return signature
 
