@@ -109,9 +109,7 @@ def _common_lines(trials: Sequence[OffStroke], turns_a_stroke: float | None) -> 
                     line = common_line(group, lock, name, besides=ordinary)
                 if not line or (lock == "stroke" and _is_any_of(of_sensors, name, line)):
                     continue
-                if lock == "time" and is_switching(trials, name, line):
-                    continue
-                if _is_not_the_wood(line, lock) and _is_no_pickup(group, lock, name, line):
+                if _is_not_the_wood(line, lock) and _is_no_pickup(trials, group, lock, name, line):
                     yield _line_finding(group, lock, name, line)
                     break
 
@@ -197,16 +195,20 @@ def _misfit(deviations: Floats) -> float:
     return float(np.minimum(0.5 * deviations**2, _NUMBERS.by_chance).sum())
 
 
-def _is_no_pickup(group: Sequence[OffStroke], lock: Lock, name: str, line: Sequence[tuple[OffStroke, Peak]]) -> bool:
+def _is_no_pickup(
+    trials: Sequence[OffStroke], group: Sequence[OffStroke], lock: Lock, name: str,
+    line: Sequence[tuple[OffStroke, Peak]],
+) -> bool:  # fmt: skip
     """A fixed frequency is hum of a sensor unless two currents or voltages show it; what follows the stroke is not.
 
     At the mains' frequency it is hum in however many channels, for no battery has that, unless both currents show it as
     the converter relates them: a charger that stays connected. Where all trials run at nearly one speed, a fixed
     frequency stands at nearly one order of the stroke as well. Beyond the harmonics that are compared it is no gap in
-    however many channels: the model has the means over the switching of a converter, which sampling may place there.
+    however many channels: the model has the means over the switching of a converter, which sampling may place there,
+    and a little of it anywhere.
     """
     middle = max((p for _, p in line), key=lambda p: p.power)
-    if lock == "time" and middle.place > fastest_compared_hz(group):
+    if lock == "time" and (middle.place > fastest_compared_hz(group) or is_switching(trials, name, line)):
         return False
     if is_mains(float(np.median([p.place if lock == "time" else p.place * trial.rate_hz for trial, p in line]))):
         return lock == "time" and name in ELECTRICAL and _is_a_current(group, middle)
@@ -343,7 +345,7 @@ def fixed_lines(trials: Sequence[OffStroke]) -> list[Line]:
             same = _at(trials, "time", name, wanted)
             if len(same) < _enough(trials, "time", wanted) or not _keeps_its_frequency(same):
                 continue
-            if _is_no_pickup(trials, "time", name, same):
+            if _is_no_pickup(trials, trials, "time", name, same):
                 continue
             amplitude = float(np.median([p.amplitude for _, p in same]))
             place = float(np.median([p.place for _, p in same]))

@@ -329,7 +329,10 @@ def test_less_than_a_hundredth_of_the_mean_at_a_fixed_frequency_is_switching_tha
         wave = 1.0 + share * np.cos(2.0 * np.pi * 333.0 * time_s + rng.uniform(0.0, 6.0))
         return {BATTERY_VOLTAGE.name: 18.0 * wave, MOTOR_CURRENT.name: 10.0 * wave}
 
-    assert (campaign(switched, noise={**QUIET, BATTERY_VOLTAGE.name: 0.003}) is not None) == is_gap
+    noise = {**QUIET, BATTERY_VOLTAGE.name: 0.003}
+    assert (campaign(switched, noise=noise) is not None) == is_gap
+    listed = {line.channel for line in fixed_lines(trials(switched, noise=noise))}
+    assert listed == (set() if is_gap else {BATTERY_VOLTAGE.name, MOTOR_CURRENT.name})
 
 
 @pytest.mark.parametrize(("of_motor", "is_current"), [(0.5, True), (1.0, False), (0.3, False)])
