@@ -2,7 +2,8 @@
 
 Every brushed motor has it. As its bars pass the brushes the back-EMF ripples by a few per cent, as many times a turn as
 it has bars or twice as often, and as no armature is wound quite evenly there is a smaller line at each turn and half
-turn. A shorted coil or a broken bar leaves a large one there.
+turn. A shorted coil or a broken bar leaves a large one there. A converter's switching leaves a line as well, at one
+frequency in Hz, which sampling may place anywhere.
 """
 
 from __future__ import annotations

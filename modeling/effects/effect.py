@@ -179,6 +179,7 @@ class Effect:
         Shapes that stand for a little of it, each with its standard deviation as a multiple of the typical size;
         without them `background_share` of it, in any of its shapes.
     background_share : float
+        One standard deviation of that, over the typical size; 1 of what every bench has.
     is_at_one_place : bool
         A machine has it at one place of a wide range, such as a frequency: a little of it is a little of one shape.
     combine : callable, optional
