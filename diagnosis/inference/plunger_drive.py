@@ -29,7 +29,7 @@ _YIELDS_M_PER_N: Final = 2e-7
 _FIT_M: Final = 3e-5
 _CROSSED_M: Final = (1e-5, 3e-5)
 # Harmonics of the angle that a noisy displacement shows, and a quiet one, which the tracker follows itself.
-_HARMONICS: Final = (N_RIPPLE, 2 * N_RIPPLE)
+SHOWN_HARMONICS: Final = (N_RIPPLE, 2 * N_RIPPLE)
 # Parts of a cell in which a flight is followed.
 _FINE: Final = 8
 
@@ -49,9 +49,9 @@ def plunger_drive_nuisances() -> Iterator[Nuisance]:
     for crossed_m in _CROSSED_M:
         std = _FIT_M / np.sqrt(len(_CROSSED_M))
         behind[f"clearance near {1e6 * crossed_m:g} um"] = (std, partial(_across, clearance_m=crossed_m))
-    for (name, (std, of)), n_harmonics in product(behind.items(), _HARMONICS):
+    for (name, (std, of)), n_harmonics in product(behind.items(), SHOWN_HARMONICS):
         yield Nuisance(
-            name=f"{name} of the plunger's drive in {n_harmonics} harmonics", std=std / np.sqrt(len(_HARMONICS)),
+            name=f"{name} of the plunger's drive in {n_harmonics} harmonics", std=std / np.sqrt(len(SHOWN_HARMONICS)),
             signature=partial(_seen, behind=of, n_harmonics=n_harmonics),
         )  # fmt: skip
 

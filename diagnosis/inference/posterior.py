@@ -143,7 +143,7 @@ def judge_weighed(weighed: WeighedAlone, *, are_known_certain: bool = True) -> P
 
     # This process takes the first one, which it keeps; the other one the last, the longest.
     parts: list[Callable[[], Any]] = [
-        lambda: weighed.explanations,
+        lambda: weighed.half,
         asynchronous,
         lambda: little_of_each(problem, columns),
         lambda: strokes_say(effects, campaign.states, campaign.strokes, settings, plant.known),

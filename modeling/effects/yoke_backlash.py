@@ -94,14 +94,21 @@ def apparent_gap(coefficients: Floats) -> float:
     return float(np.sqrt(shown.min() * min(shown.max(), _LARGER * shown.min())))
 
 
-def swing(baseline: Baseline, state: State, deviation_rad: Floats) -> Signature:
+def swing(baseline: Baseline, state: State, deviation_rad: Floats, *, of_sensor: bool = False) -> Signature:
     """Change of the residuals for an angle that is read too large by a periodic wave, rad, per unit of the wave.
 
-    The plunger is where the sensor sees it, and the cut goes with its velocity: no gap of the cutting law.
+    The plunger is where the sensor sees it, and the cut goes with its velocity: no gap of the cutting law. Where it is
+    the sensor that swings (`of_sensor`), the cut goes with another velocity than the one read.
     """
     read_larger, read_smaller = turned(state, _STEP * deviation_rad), turned(state, -_STEP * deviation_rad)
     up, down = residuals(baseline, read_larger), residuals(baseline, read_smaller)
-    return {name: (up[name] - down[name]) / (2.0 * _STEP) for name in ("electrical", "mechanical") if name in up}
+    found: Signature = {
+        name: (up[name] - down[name]) / (2.0 * _STEP) for name in ("electrical", "mechanical") if name in up
+    }
+    if of_sensor and not state.setting.is_idle:
+        expected_n = baseline.expected_force(read_smaller) - baseline.expected_force(read_larger)
+        found["cutting"] = expected_n / (2.0 * _STEP)
+    return found
 
 
 def _axis_signature(

@@ -27,7 +27,7 @@ GRID = 2 * np.pi * np.arange(4000) / 4000
 
 
 def turning(state):
-    """Times at evenly spaced angles of the mean stroke, from 0 to its end, s; and the angles, from that of the grid."""
+    """Times at the angles of `GRID` in the mean stroke, and at its end, s."""
     slowness = np.interp(GRID, ANGLE, 1.0 / state.speed_rad_s.mean(axis=0), period=2 * np.pi)
     return np.append(0.0, np.cumsum(0.5 * (slowness + np.roll(slowness, -1)))) * GRID[1]
 
@@ -61,10 +61,8 @@ def tracked_ahead(state, off_m):
     steady = SteadyPart(first_motion_s=0.0, start_s=0.1, settled_s=0.3, end_s=3.9)
     track = restore_ripple(track_crank_angle(time_s, shown_m), steady, time_s, shown_m)
     kept = (track.time_s > 0.5) & (track.time_s < 3.5)
-    at, weights = (
-        np.interp(track.time_s[kept], time_s, turned),
-        np.gradient(np.interp(track.time_s[kept], time_s, turned)),
-    )
+    at = np.interp(track.time_s[kept], time_s, turned)
+    weights = np.gradient(at)
     ahead = weights * (track.angle_rad[kept] - at)
     return 2.0 * np.array([np.sum(ahead * np.exp(-1j * k * at)) for k in ORDERS]) / np.sum(weights)
 
@@ -72,9 +70,8 @@ def tracked_ahead(state, off_m):
 def read_ahead(state, off_m):
     """The state as it is seen through a displacement that is off in every stroke."""
     found = tracked_ahead(state, off_m) - tracked_ahead(state, 0.0 * off_m)
-    ahead = np.real(found @ np.exp(1j * ORDERS[:, None] * ANGLE))
-    slope = np.real((1j * ORDERS * found) @ np.exp(1j * ORDERS[:, None] * ANGLE))
-    bend = np.real((-(ORDERS**2) * found) @ np.exp(1j * ORDERS[:, None] * ANGLE))
+    waves = np.exp(1j * ORDERS[:, None] * ANGLE)
+    ahead, slope, bend = (np.real(((1j * ORDERS) ** k * found) @ waves) for k in range(3))
     names = ("force_n", "current_a", "current_rate_a_s", "battery_voltage_v", "motor_voltage_v", "battery_current_a")
     seen = {name: getattr(state, name) for name in names}
     seen["speed_rad_s"] = state.speed_rad_s * (1.0 + slope)
@@ -91,7 +88,7 @@ def read_ahead(state, off_m):
 
 @pytest.mark.parametrize("frequency_hz", [101.0, 110.0, 180.0])
 def test_a_mount_that_rings_leaves_what_its_law_says(frequency_hz):
-    """But for a twentieth, and of the size of that mass but for a fifth: the tracker follows a part by itself."""
+    """But for a twentieth, and of the size of that mass but for three tenths: the tracker follows a part by itself."""
     intact = gap(INTACT)
     seen = gap(read_ahead(INTACT, ringing(INTACT, frequency_hz=frequency_hz)))
     shape = {"frequency_hz": frequency_hz, "damping": 0.02, "harmonics": 8.0}

@@ -12,19 +12,16 @@ from collections.abc import Callable
 from typing import Final
 
 import numpy as np
-from sawbench.bench.recording import Floats
-from sawbench.diagnosis.inference.plunger_drive import pushing_force
+from sawbench.diagnosis.inference.plunger_drive import SHOWN_HARMONICS, pushing_force
 from sawbench.modeling.effects.effect import Effect, Prepared, Strength
 from sawbench.modeling.effects.transfer import Spectrum, resonance
-from sawbench.modeling.residuals import Baseline, Signature, residuals
-from sawbench.modeling.state import State, turned
-from sawbench.processing.stroke_ripple import N_RIPPLE, wave_seen
+from sawbench.modeling.effects.yoke_backlash import swing
+from sawbench.modeling.residuals import Baseline, Signature
+from sawbench.modeling.state import State
+from sawbench.processing.stroke_ripple import wave_seen
 
 # Assumed: the mass of a jigsaw. Lighter parts that ring are stiffer.
 _MASS_KG: Final = 2.5
-# Harmonics of the angle that a noisy displacement shows, and a quiet one.
-_HARMONICS: Final = (N_RIPPLE, 2 * N_RIPPLE)
-_STEP: Final = 1e-4
 
 
 def _prepared(baseline: Baseline, state: State) -> Callable[..., tuple[Signature, ...]]:
@@ -37,22 +34,9 @@ def _prepared(baseline: Baseline, state: State) -> Callable[..., tuple[Signature
         rings_n = pushed.through(lambda f: resonance(frequency_hz, damping, f)) - pushed_n
         off_m = -np.mean(rings_n, axis=0) / (_MASS_KG * (2.0 * np.pi * frequency_hz) ** 2)
         off_rad = wave_seen(baseline.mechanism, angle_rad, off_m, int(harmonics))
-        return (_read_off(baseline, state, np.broadcast_to(off_rad, state.angle_rad.shape)),)
+        return (swing(baseline, state, np.broadcast_to(off_rad, state.angle_rad.shape), of_sensor=True),)
 
     return signature
-
-
-def _read_off(baseline: Baseline, state: State, wave_rad: Floats) -> Signature:
-    """Change of the residuals for an angle that is read too large by a periodic wave, per radian of it."""
-    read_larger, read_smaller = turned(state, _STEP * wave_rad), turned(state, -_STEP * wave_rad)
-    up, down = residuals(baseline, read_larger), residuals(baseline, read_smaller)
-    found: Signature = {
-        name: (up[name] - down[name]) / (2.0 * _STEP) for name in ("electrical", "mechanical") if name in up
-    }
-    if not state.setting.is_idle:
-        expected_n = baseline.expected_force(read_smaller) - baseline.expected_force(read_larger)
-        found["cutting"] = expected_n / (2.0 * _STEP)
-    return found
 
 
 SENSOR_MOUNT = Effect(
@@ -65,7 +49,7 @@ SENSOR_MOUNT = Effect(
         {"frequency_hz": float(f), "damping": z, "harmonics": float(n)}
         for f in np.geomspace(100.0, 1000.0, 60)
         for z in (0.01, 0.03)
-        for n in _HARMONICS
+        for n in SHOWN_HARMONICS
     ),
     continuous=("frequency_hz", "damping"),
     needs=("force_n",),
