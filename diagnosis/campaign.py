@@ -456,10 +456,12 @@ def _with_guesses(baseline: Baseline, states: Sequence[State]) -> tuple[list[Sta
     for _ in range(_REGRESSIONS if baseline.known else 1):
         regressed = _regressed(baseline, found)
         guesses = {stock: k_fc for stock, (k_fc, _) in regressed.items()}
+        hardness = _hardness(baseline, found)
         none = (0.0, 0.0)
         for at, state in enumerate(found):
             k_fc, rad_s = none if state.setting.is_idle else regressed.get(state.setting.stock, none)
-            found[at] = replace(state, k_guess_n_s_per_m=k_fc, regressed_at_rad_s=rad_s)
+            harder = hardness.get(state.setting.label, 1.0)
+            found[at] = replace(state, k_guess_n_s_per_m=k_fc, regressed_at_rad_s=rad_s, hardness=harder)
     return found, guesses
 
 
@@ -474,15 +476,40 @@ def _below(baseline: Baseline, state: State, peak_n: float) -> float:
 
 def _regressed(baseline: Baseline, states: Sequence[State]) -> dict[str, tuple[float, float]]:
     """Regress force on cutting speed over the running trials of each stock: k_Fc, and the crank speed that counts."""
-    felt: dict[str, list[tuple[Floats, Floats, Floats]]] = {}
+    found: dict[str, tuple[float, float]] = {}
+    for stock, trials in _cuts(baseline, states).items():
+        force_n, speed_m_s, rad_s = (
+            np.concatenate(of) for of in zip(*((*cut, state.speed_rad_s) for state, *cut in trials), strict=True)
+        )
+        at_rad_s = float(np.sum(rad_s * speed_m_s**2) / max(float(np.sum(speed_m_s**2)), 1e-300))
+        found[stock] = (max(float(coefficient(force_n, speed_m_s)), 0.0), at_rad_s)
+    return found
+
+
+def _hardness(baseline: Baseline, states: Sequence[State]) -> dict[str, float]:
+    """Cutting coefficient of each trial over that of its stock, by label.
+
+    By regression with an intercept over the whole mean stroke: a zero of the load cell makes no piece harder.
+    """
+    found: dict[str, float] = {}
+    for trials in _cuts(baseline, states).values():
+        slopes, squares = [], []
+        for _, force_n, speed_m_s in trials:
+            mean_n, mean_m_s = force_n.mean(axis=0), speed_m_s.mean(axis=0)
+            away_m_s = mean_m_s - mean_m_s.mean()
+            squares.append(max(float(away_m_s @ away_m_s), 1e-300))
+            slopes.append(float(away_m_s @ mean_n) / squares[-1])
+        of_stock = float(np.average(slopes, weights=squares))
+        for (state, *_), slope in zip(trials, slopes, strict=True):
+            found[state.setting.label] = slope / of_stock if min(slope, of_stock) > 0.0 else 1.0
+    return found
+
+
+def _cuts(baseline: Baseline, states: Sequence[State]) -> dict[str, list[tuple[State, Floats, Floats]]]:
+    """Running trials of each stock, with the force less known effects, N, and the cutting speed, m/s."""
+    found: dict[str, list[tuple[State, Floats, Floats]]] = {}
     for state in states:
         if state.kind == "running" and not state.setting.is_idle and state.force_n is not None:
             force_n = state.force_n - baseline.known_signature(state).get("cutting", 0.0)
-            one = (force_n, baseline.cutting_speed(state), state.speed_rad_s)
-            felt.setdefault(state.setting.stock, []).append(one)
-    found: dict[str, tuple[float, float]] = {}
-    for stock, trials in felt.items():
-        force_n, speed_m_s, rad_s = (np.concatenate(of) for of in zip(*trials, strict=True))
-        at_rad_s = float(np.sum(rad_s * speed_m_s**2) / max(float(np.sum(speed_m_s**2)), 1e-300))
-        found[stock] = (max(float(coefficient(force_n, speed_m_s)), 0.0), at_rad_s)
+            found.setdefault(state.setting.stock, []).append((state, force_n, baseline.cutting_speed(state)))
     return found

@@ -118,7 +118,11 @@ class Baseline:
         return above if self.cutting_sign > 0 else 2.0 * self.radius_m - above
 
     def expected_force(self, state: State) -> Floats:
-        """Force of the linear cutting law with the campaign's own k_Fc for this stock, N."""
+        """Force of the linear cutting law in the trial's own piece, N: what shifts or shapes a force goes with it."""
+        return state.hardness * self.stock_force(state)
+
+    def stock_force(self, state: State) -> Floats:
+        """The same with k_Fc of the stock, N: what makes one trial harder to cut than another is said of this."""
         return state.k_guess_n_s_per_m * self.cutting_speed(state)
 
     def load_torque(self, state: State, force_n: Floats) -> Floats:

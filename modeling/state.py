@@ -154,6 +154,8 @@ class State:
         Slow states that effects need, computed once a campaign; read-only.
     k_guess_n_s_per_m : float
         k_Fc of the trial's stock by regression over the campaign; 0 in air.
+    hardness : float
+        Cutting coefficient of the trial's own piece over that of its stock.
     regressed_at_rad_s : float
         Crank speed at which it was regressed, as the trials of the stock count there; 0 where it is that of the cutting
         law, whatever else acts.
@@ -204,6 +206,7 @@ class State:
     n_strokes: Floats
     slow: Mapping[Memory, Floats] = field(default_factory=dict)
     k_guess_n_s_per_m: float = 0.0
+    hardness: float = 1.0
     regressed_at_rad_s: float = 0.0
     k_below_n_s_per_m: float = 0.0
     peak_force_n: float = 0.0

@@ -161,7 +161,7 @@ def _combinations(parts: Sequence[Part]) -> Iterator[tuple[TrialSetting, Part]]:
 
 def _predicted(model: Baseline, nearest: Part, setting: TrialSetting) -> State | None:
     """Periodic stroke of the model at a new operating point; None where it finds none."""
-    measured = mean_stroke(nearest.state)
+    measured = replace(mean_stroke(nearest.state), hardness=1.0)
     ratio = setting.duty / nearest.setting.duty
     speed = ratio * measured.speed_rad_s
     start = replace(
@@ -175,7 +175,7 @@ def _predicted(model: Baseline, nearest: Part, setting: TrialSetting) -> State |
     waves = {name: getattr(found.state, name) for name in ("speed_rad_s", "acceleration_rad_s2", "motor_voltage_v")}
     waves |= {name: getattr(found.state, name) for name in _CHANNELS if getattr(nearest.smooth, name) is not None}
     rows = {name: np.broadcast_to(wave, shape) for name, wave in waves.items()}
-    return replace(nearest.smooth, setting=setting, blade_excess_m_s=None, **rows)
+    return replace(nearest.smooth, setting=setting, hardness=1.0, blade_excess_m_s=None, **rows)
 
 
 def _parts(problem: LinearProblem, point: _Point, end: _End, seconds: float) -> tuple[Part, ...]:
@@ -198,7 +198,7 @@ def _parts(problem: LinearProblem, point: _Point, end: _End, seconds: float) -> 
     begun = _with_history(plant.model, point, end, np.zeros((1, 1)))
     started = replace(
         known.state, setting=point.setting, cut_distance_m=begun.cut_distance_m, charge_used_as=begun.charge_used_as,
-        slow=begun.slow, k_guess_n_s_per_m=state.k_guess_n_s_per_m,
+        slow=begun.slow, k_guess_n_s_per_m=state.k_guess_n_s_per_m, hardness=state.hardness,
     )  # fmt: skip
     return running, replace(known, state=started, smooth=started, place=slice(size, size + known.layout.size))
 

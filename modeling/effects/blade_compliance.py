@@ -33,7 +33,7 @@ _STIFFNESS_N_PER_M = tuple(float(k) for k in np.geomspace(2e4, 2e6, 16))
 def _prepared(baseline: Baseline, state: State) -> Callable[..., tuple[Signature, ...]]:
     force = baseline.expected_force(state)
     spectrum = Spectrum(force, state)
-    drive = state.k_guess_n_s_per_m * baseline.cutting_sign * baseline.blade_velocity(state)
+    drive = state.hardness * state.k_guess_n_s_per_m * baseline.cutting_sign * baseline.blade_velocity(state)
     unloading = _unloading(drive, state)
 
     def signature(stiffness_n_per_m: float, unloads: float, by_stock: float = BY_COEFFICIENT) -> tuple[Signature, ...]:
@@ -41,7 +41,7 @@ def _prepared(baseline: Baseline, state: State) -> Callable[..., tuple[Signature
             tau_s = max(K_UNIT_N_S_PER_M / stiffness_n_per_m, 1e-7)
             rise = 1.0 / float(_left(np.array(state.regressed_at_rad_s * tau_s)))
         else:
-            regressed_s = max(state.k_guess_n_s_per_m / stiffness_n_per_m, 1e-7)
+            regressed_s = max(state.hardness * state.k_guess_n_s_per_m / stiffness_n_per_m, 1e-7)
             rise = _rise(state.regressed_at_rad_s * regressed_s)
             tau_s = rise * regressed_s
         late = unloading(tau_s) if unloads else spectrum.through(low_pass(tau_s))

@@ -43,7 +43,7 @@ def growth(distance_m: Floats, power: float = 1.0, run_in_m: float = 0.0) -> Flo
 
 def _signature(baseline: Baseline, state: State, **shape: float) -> tuple[Signature, ...]:
     grown = growth(np.maximum(state.cut_distance_m, 0.0), **shape)
-    return ({"cutting": baseline.expected_force(state) * grown},)
+    return ({"cutting": baseline.stock_force(state) * grown},)
 
 
 def _log_change(distance_m: Floats, log_thickness: Floats, size: float, **shape: float) -> Floats:

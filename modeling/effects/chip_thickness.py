@@ -28,7 +28,7 @@ def _signature(
     rate_hz = np.maximum(state.speed_rad_s, 1e-3) / TWO_PI if in_stroke else stroke_rate_hz(state)
     thickness = state.setting.feed_m_s / rate_hz / _H_REF_M
     grown = exponent * (thickness - 1.0) if affine else thickness**exponent - 1.0
-    return ({"cutting": baseline.expected_force(state) * grown},)
+    return ({"cutting": baseline.stock_force(state) * grown},)
 
 
 def _log_change(distance_m: Floats, log_thickness: Floats, size: float) -> Floats:

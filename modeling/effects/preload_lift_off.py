@@ -14,7 +14,7 @@ from __future__ import annotations
 
 import numpy as np
 from sawbench.modeling.effects.effect import Effect, Strength, Words
-from sawbench.modeling.effects.transfer import force_reading
+from sawbench.modeling.effects.transfer import force_error
 from sawbench.modeling.residuals import Baseline, Signature
 from sawbench.modeling.state import State
 
@@ -25,15 +25,14 @@ def _signature(baseline: Baseline, state: State, share: float, scale: float) -> 
     preload_n = share * state.peak_force_n
     if not preload_n > 0.0:
         return ({},)
-    expected = baseline.expected_force(state)
-    true_n = scale * expected
+    true_n = scale * baseline.stock_force(state)
     if not scale:
         true_n = (state.k_below_n_s_per_m or state.k_guess_n_s_per_m) * baseline.cutting_speed(state)
     width_n = _ROUND * preload_n
     clipped_off = width_n * np.logaddexp(0.0, (true_n - preload_n) / width_n)
     # Far below the preload the round corner leaves nothing.
     clipped_off = np.where(true_n > preload_n - 8.0 * width_n, clipped_off, 0.0)
-    return (force_reading(baseline, state, expected - clipped_off),)
+    return (force_error(baseline, state, -clipped_off),)
 
 
 EFFECT = Effect(
