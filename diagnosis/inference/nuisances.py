@@ -20,8 +20,15 @@ from sawbench.diagnosis.inference.beyond.bent_displacement import N_BEND_HARMONI
 from sawbench.diagnosis.inference.nuisance import Nuisance, Reading, SignatureFunction
 from sawbench.diagnosis.inference.settings import SETTINGS
 from sawbench.modeling.effects.known import KnownEffect
-from sawbench.modeling.residuals import Baseline, Signature, inertia_torque, plunger_swing, residuals
-from sawbench.modeling.state import TWO_PI, State, TrialSetting
+from sawbench.modeling.residuals import (
+    Baseline,
+    Signature,
+    inertia_torque,
+    is_angle_known,
+    plunger_swing,
+    residuals,
+)
+from sawbench.modeling.state import TWO_PI, State, TrialSetting, angle_derivative
 
 # Of the radius, for the derivative of a torque that is a smooth function of it.
 _RADIUS_STEP = 1e-4
@@ -419,6 +426,18 @@ READINGS: Final[Mapping[str, Reading]] = MappingProxyType(
         "battery_current_a": Reading(attribute="battery_current_a", signature=_battery_current_offset),
     }
 )
+
+
+def reads_too_much(baseline: Baseline, state: State, channel: str, by: Floats) -> Signature:
+    """Change of the residuals where a channel reads too much by a wave, in its SI unit and of the state's shape.
+
+    A wave of the motor's current has a voltage over the inductance too.
+    """
+    found = {name: by * wave for name, wave in READINGS[channel].signature(baseline, state).items()}
+    if channel == "motor_current_a" and state.kind == "running" and is_angle_known(state):
+        rate_a_s = state.speed_rad_s * angle_derivative(by)
+        found["electrical"] = found["electrical"] - baseline.plant.inductance_h.nominal * rate_a_s
+    return found
 
 
 def angle_shift(baseline: Baseline, state: State, step_rad: float = 1e-4) -> Signature:

@@ -173,6 +173,9 @@ class Sensors:
         Of gains (relative), offsets and the angle's zero, in the unit of the name.
     displacement_gain : float
         Relative standard uncertainty of the gain of a displacement sensor: of the crank radius that a stroke measures.
+    crosstalk : float
+        Share of one channel over what it usually reaches that another reads, over what that usually reaches: standard
+        deviation.
     current_zero_share : float
         Of the usual motor current: standard deviation of the zero of a current sensor, where that is more.
     battery_rel_std : mapping of str to float
@@ -214,6 +217,7 @@ class Sensors:
         }, "convention", CLASS,
     )  # fmt: skip
     displacement_gain: float = marked(0.01, "convention", CLASS)
+    crosstalk: float = marked(5e-4, "convention", "-66 dB; data sheets of multiplexed converters state -60 to -90 dB")
     current_zero_share: float = marked(
         0.01, "convention", "Hall sensors: 0.3 % of a range that is three times the usual current"
     )

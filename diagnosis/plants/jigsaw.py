@@ -12,6 +12,7 @@ from sawbench.diagnosis.inference.bandwidth import bandwidth_nuisances
 from sawbench.diagnosis.inference.beyond.table import BEYOND_CATALOGUE
 from sawbench.diagnosis.inference.clocks import clock_nuisances
 from sawbench.diagnosis.inference.common_filter import common_filter_nuisances
+from sawbench.diagnosis.inference.crosstalk import crosstalk_nuisances
 from sawbench.diagnosis.inference.features import (
     HARMONICS,
     N_BLOCKS,
@@ -231,6 +232,7 @@ class Jigsaw:
             *vibration_nuisances(baseline),
             *common_filter_nuisances(),
             *plunger_drive_nuisances(),
+            *crosstalk_nuisances(),
             *map(of_known, self.known),
         )
 

@@ -7,7 +7,6 @@ from itertools import product
 
 import numpy as np
 import pytest
-from sawbench.bench.processed import SteadyPart
 from sawbench.bench.recording import Alignment
 from sawbench.diagnosis.answer.signals import signal_findings
 from sawbench.diagnosis.answer.until_closed import held
@@ -21,10 +20,9 @@ from sawbench.diagnosis.inference.plunger_drive import plunger_drive_nuisances
 from sawbench.diagnosis.inference.posterior import judge
 from sawbench.diagnosis.inference.vibration import vibration_nuisances
 from sawbench.diagnosis.inference.vibration_read import vibration_of
-from sawbench.processing.crank_angle import track_crank_angle
-from sawbench.processing.stroke_ripple import restore_ripple
 
 from tests.rigs.jigsaw_in_time import BASELINE, GEAR, MASS, RADIUS, Machine, compare, gap
+from tests.rigs.read_stroke import tracked_ahead
 from tests.rigs.scattered_strokes import problem_of, strokes
 
 pytestmark = pytest.mark.pipeline
@@ -314,23 +312,6 @@ def behind_the_crank(state, compliance_m_per_n):
 SPEED = float(INTACT.speed_rad_s.mean())
 
 
-def tracked_behind(behind_m, std_m):
-    """Harmonics of the angle that a program misses which tracks the plunger, behind by that in every stroke.
-
-    `std_m` is the noise of the displacement.
-    """
-    time_s = np.arange(0.0, 4.0, 1e-4)
-    turned = SPEED * time_s
-    behind_m = np.interp(turned, INTACT.angle_rad[0], behind_m, period=2 * np.pi)
-    noise_m = std_m * np.random.default_rng(8).normal(size=len(time_s))
-    shown_m = RADIUS * (1.0 - np.cos(turned)) - behind_m + noise_m
-    steady = SteadyPart(first_motion_s=0.0, start_s=0.1, settled_s=0.3, end_s=3.9)
-    track = restore_ripple(track_crank_angle(time_s, shown_m), steady, time_s, shown_m)
-    kept = (track.time_s > 0.5) & (track.time_s < 3.5)
-    at = np.interp(track.time_s[kept], time_s, turned)
-    return np.array([2.0 * np.mean((at - track.angle_rad[kept]) * np.exp(-1j * k * at)) for k in range(1, 7)])
-
-
 CUTS = {
     "air": lambda linear: 0.0 * linear,
     "linear": lambda linear: linear,
@@ -366,17 +347,18 @@ def test_a_plunger_that_is_behind_its_pin_leaves_what_the_nuisances_say(drive, c
     angle = INTACT.angle_rad[0]
     force = CUTS[cut](np.maximum(INTACT.force_n, 0.0).mean(axis=0))
     pushed = MASS * RADIUS * SPEED**2 * np.cos(angle) + BASELINE.cutting_sign * force
-    missed = tracked_behind(BEHIND[drive](pushed), std_m) - tracked_behind(0.0 * angle, std_m)
     speed = np.full_like(INTACT.speed_rad_s, SPEED)
     state = replace(
         INTACT, force_n=np.broadcast_to(force, speed.shape), speed_rad_s=speed, acceleration_rad_s2=0.0 * speed
     )
+    orders = np.arange(1, 7)
+    tracked = (tracked_ahead(state, off_m, std_m)[: len(orders)] for off_m in (0.0 * angle, -BEHIND[drive](pushed)))
+    missed = next(tracked) - next(tracked)
     waves = [
         one.signature(BASELINE, state)["electrical"].mean(axis=0)
         for one in plunger_drive_nuisances()
         if drive in one.name
     ]
-    orders = np.arange(1, 7)
     said = np.mean(np.array(waves) * np.exp(-1j * orders[:, None, None] * angle), axis=-1)
     said, change = (np.concatenate([wave.real, wave.imag]) for wave in (said, 1j * orders * missed))
     left = change - said @ np.linalg.lstsq(said, change)[0]

@@ -3,28 +3,13 @@
 from __future__ import annotations
 
 import numpy as np
-from sawbench.bench.recording import Floats
-from sawbench.diagnosis.inference.nuisances import READINGS
+from sawbench.diagnosis.inference.nuisances import reads_too_much
 from sawbench.modeling.effects.effect import Effect, Strength
-from sawbench.modeling.residuals import Baseline, Signature, is_angle_known, plunger_acceleration
-from sawbench.modeling.state import State, angle_derivative
+from sawbench.modeling.residuals import Baseline, Signature, plunger_acceleration
+from sawbench.modeling.state import State
 
 _FORCE, _MOTOR_CURRENT = 0.0, 1.0
 _CURRENT, _ACCELERATION = 0.0, 1.0
-
-
-def _too_large(baseline: Baseline, state: State, channel: str, by: Floats) -> Signature:
-    """Residuals where a channel reads too much by a wave, in its SI unit."""
-    return {name: by * wave for name, wave in READINGS[channel].signature(baseline, state).items()}
-
-
-def _current_too_large(baseline: Baseline, state: State, by_a: Floats) -> Signature:
-    """As `_too_large`; a wave of current has a voltage over the inductance too."""
-    found = _too_large(baseline, state, "motor_current_a", by_a)
-    if state.kind == "running" and is_angle_known(state):
-        rate_a_s = state.speed_rad_s * angle_derivative(by_a)
-        found["electrical"] = found["electrical"] - baseline.plant.inductance_h.nominal * rate_a_s
-    return found
 
 
 def _bent_reading(baseline: Baseline, state: State, channel: float, sign: float) -> tuple[Signature, ...]:
@@ -33,11 +18,11 @@ def _bent_reading(baseline: Baseline, state: State, channel: float, sign: float)
         if state.force_n is None:
             return ({},)
         by_n = sign * state.force_n * np.abs(state.force_n) / baseline.load.force_n
-        return (_too_large(baseline, state, "force_n", by_n),)
+        return (reads_too_much(baseline, state, "force_n", by_n),)
     if state.current_a is None:
         return ({},)
     by_a = sign * state.current_a * np.abs(state.current_a) / baseline.usual_current_a
-    return (_current_too_large(baseline, state, by_a),)
+    return (reads_too_much(baseline, state, "motor_current_a", by_a),)
 
 
 def _crosstalk(baseline: Baseline, state: State, of: float, sign: float) -> tuple[Signature, ...]:
@@ -48,7 +33,7 @@ def _crosstalk(baseline: Baseline, state: State, of: float, sign: float) -> tupl
         read_n = baseline.load.force_n * state.current_a / baseline.usual_current_a
     else:
         read_n = plunger_acceleration(baseline.mechanism, state)  # of a kilogram
-    return (_too_large(baseline, state, "force_n", sign * read_n),)
+    return (reads_too_much(baseline, state, "force_n", sign * read_n),)
 
 
 def _creeping_zero(baseline: Baseline, state: State, time_constant_s: float) -> tuple[Signature, ...]:
@@ -56,7 +41,7 @@ def _creeping_zero(baseline: Baseline, state: State, time_constant_s: float) -> 
     if state.force_n is None or state.kind != "running":
         return ({},)
     crept = -np.expm1(-np.broadcast_to(state.time_s, state.angle_rad.shape) / time_constant_s)
-    return (_too_large(baseline, state, "force_n", crept * state.force_n.mean(axis=-1, keepdims=True)),)
+    return (reads_too_much(baseline, state, "force_n", crept * state.force_n.mean(axis=-1, keepdims=True)),)
 
 
 BENT_READING = Effect(

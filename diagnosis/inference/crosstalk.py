@@ -1,0 +1,78 @@
+"""Channels that read a little of each other: cables side by side, a converter that settles from one to the next.
+
+Every channel reads a share of every other, both over what they usually reach on the machine. The force, the
+displacement and the motor's current have shapes of their own; what is locked to the battery's voltage is a zero, and
+the battery's current has the shape of the motor's.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from functools import partial
+from types import MappingProxyType
+from typing import Final
+
+import numpy as np
+from sawbench.bench.recording import Floats
+from sawbench.diagnosis.inference.nuisance import Nuisance
+from sawbench.diagnosis.inference.nuisances import READINGS, reads_too_much
+from sawbench.diagnosis.inference.plunger_drive import SHOWN_HARMONICS
+from sawbench.diagnosis.inference.settings import SETTINGS
+from sawbench.modeling.effects.yoke_backlash import swing
+from sawbench.modeling.residuals import Baseline, Signature, is_angle_known
+from sawbench.modeling.state import State
+from sawbench.processing.stroke_ripple import wave_seen
+
+_DISPLACEMENT: Final = "displacement_mm"
+
+
+def _force(baseline: Baseline, state: State) -> Floats | None:
+    return None if state.force_n is None else state.force_n / baseline.load.force_n
+
+
+def _current(baseline: Baseline, state: State) -> Floats | None:
+    return None if state.current_a is None else state.current_a / baseline.usual_current_a
+
+
+def _displacement(baseline: Baseline, state: State) -> Floats | None:
+    if not is_angle_known(state):
+        return None
+    return baseline.mechanism.displacement(state.angle_rad) / (2.0 * baseline.radius_m)
+
+
+# Over what it usually reaches.
+_SOURCES: Final = MappingProxyType({"force_n": _force, "motor_current_a": _current, _DISPLACEMENT: _displacement})
+
+
+def crosstalk_nuisances() -> Iterator[Nuisance]:
+    """List which channel may read which other.
+
+    Yields
+    ------
+    Nuisance
+        Per share of the one over what it usually reaches that the other reads, over what that usually reaches.
+    """
+    for channel in (*READINGS, _DISPLACEMENT):
+        for name, source in _SOURCES.items():
+            if name != channel:
+                signature = partial(_read, channel=channel, source=source)
+                yield Nuisance(name=f"{name} in {channel}", std=SETTINGS.sensors.crosstalk, signature=signature)
+
+
+def _read(
+    baseline: Baseline, state: State, *, channel: str, source: Callable[[Baseline, State], Floats | None]
+) -> Signature:
+    share = source(baseline, state)
+    if share is None or state.kind != "running":
+        return {}
+    if channel == _DISPLACEMENT:
+        off_m = 2.0 * baseline.radius_m * np.mean(share, axis=0)
+        off_rad = wave_seen(baseline.mechanism, state.angle_rad[0], off_m, SHOWN_HARMONICS[-1])
+        return swing(baseline, state, np.broadcast_to(off_rad, state.angle_rad.shape), of_sensor=True)
+    return reads_too_much(baseline, state, channel, _usual(baseline, state, channel) * share)
+
+
+def _usual(baseline: Baseline, state: State, channel: str) -> float:
+    if channel == "force_n":
+        return baseline.load.force_n
+    return baseline.usual_current_a if channel.endswith("_a") else float(state.motor_voltage_v.mean())

@@ -1,0 +1,89 @@
+"""Channels that read a little of each other leave what the nuisances say, and no gap."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from itertools import product
+
+import numpy as np
+import pytest
+from sawbench.diagnosis.inference.crosstalk import crosstalk_nuisances
+from sawbench.diagnosis.inference.effect_columns import effect_columns
+from sawbench.diagnosis.inference.posterior import judge
+from sawbench.diagnosis.inference.settings import SETTINGS
+from sawbench.modeling.state import angle_derivative
+
+from tests.rigs.jigsaw_in_time import BASELINE, RADIUS, Machine, compare, gap
+from tests.rigs.read_stroke import read_ahead
+from tests.rigs.scattered_strokes import problem_of, strokes
+
+pytestmark = pytest.mark.pipeline
+
+INTACT = Machine().run()
+SHARE = 0.02
+# What a channel usually reaches.
+USUAL = {
+    "force_n": BASELINE.load.force_n, "motor_current_a": BASELINE.usual_current_a,
+    "battery_current_a": BASELINE.usual_current_a, "battery_voltage_v": float(INTACT.motor_voltage_v.mean()),
+    "displacement_mm": 2e3 * RADIUS,
+}  # fmt: skip
+ATTRIBUTE = {"motor_current_a": "current_a"}
+READ = ("force_n", "motor_current_a", "displacement_mm")
+PAIRS = [(source, channel) for source, channel in product(READ, USUAL) if source != channel]
+
+
+def of(state, channel):
+    """A channel of the state, in the unit of its name."""
+    if channel == "displacement_mm":
+        return 1e3 * RADIUS * (1.0 - np.cos(state.angle_rad))
+    return getattr(state, ATTRIBUTE.get(channel, channel))
+
+
+def misread(state, source, channel, share):
+    """The state where a channel reads a share of another, both over what they usually reach."""
+    too_much = share * USUAL[channel] / USUAL[source] * of(state, source)
+    if channel == "displacement_mm":
+        return read_ahead(state, 1e-3 * too_much.mean(axis=0))
+    read = {ATTRIBUTE.get(channel, channel): of(state, channel) + too_much}
+    if channel == "motor_current_a":
+        read["current_rate_a_s"] = state.current_rate_a_s + state.speed_rad_s * angle_derivative(too_much)
+    if channel == "battery_voltage_v":
+        read["motor_voltage_v"] = state.motor_voltage_v + state.setting.duty * too_much
+    return replace(state, **read)
+
+
+def said(source, channel):
+    [found] = [one for one in crosstalk_nuisances() if one.name == f"{source} in {channel}"]
+    assert found.std == SETTINGS.sensors.crosstalk
+    return found.signature(BASELINE, INTACT)
+
+
+@pytest.mark.parametrize(("source", "channel"), [pair for pair in PAIRS if pair[1] != "displacement_mm"])
+def test_a_channel_that_reads_another_leaves_what_its_nuisance_says(source, channel):
+    before, after = gap(INTACT), gap(misread(INTACT, source, channel, SHARE))
+    claimed = {name: SHARE * wave for name, wave in said(source, channel).items()}
+    compare({name: after[name] - before[name] for name in after}, claimed, 0.01)
+
+
+@pytest.mark.parametrize("source", ["force_n", "motor_current_a"])
+def test_a_displacement_that_reads_another_channel_leaves_what_its_nuisance_says(source):
+    """But for a twentieth: the tracker of the angle follows a part by itself."""
+    share = 2e-3
+    before, after = gap(INTACT), gap(misread(INTACT, source, "displacement_mm", share))
+    claimed = said(source, "displacement_mm")
+    for equation in ("electrical", "mechanical", "cutting"):
+        change, wave = after[equation] - before[equation], share * claimed[equation]
+        assert np.sum((change - wave) ** 2) < 0.05 * np.sum(change**2)
+
+
+def test_what_a_channel_does_not_have_it_reads_nowhere():
+    names = [one.name for one in crosstalk_nuisances()]
+    assert len(names) == len(set(names)) == len(PAIRS)
+    without = replace(INTACT, force_n=None)
+    assert all(one.signature(BASELINE, without) == {} for one in crosstalk_nuisances() if one.name.startswith("force"))
+
+
+@pytest.mark.parametrize(("source", "channel"), [("displacement_mm", "force_n"), ("force_n", "displacement_mm")])
+def test_a_converter_that_has_not_settled_is_no_gap(source, channel):
+    problem = problem_of([misread(state, source, channel, 1.5e-3) for state in strokes()])
+    assert judge(problem, effect_columns(problem)).verdict == "no_gap"
