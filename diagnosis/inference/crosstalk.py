@@ -24,6 +24,8 @@ from sawbench.modeling.state import State
 from sawbench.processing.stroke_ripple import wave_seen
 
 _DISPLACEMENT: Final = "displacement_mm"
+# Of baseline and state: what a channel reads over what it usually reaches, of the state's shape; None without it.
+_Source = Callable[[Baseline, State], Floats | None]
 
 
 def _force(baseline: Baseline, state: State) -> Floats | None:
@@ -40,7 +42,6 @@ def _displacement(baseline: Baseline, state: State) -> Floats | None:
     return baseline.mechanism.displacement(state.angle_rad) / (2.0 * baseline.radius_m)
 
 
-# Over what it usually reaches.
 _SOURCES: Final = MappingProxyType({"force_n": _force, "motor_current_a": _current, _DISPLACEMENT: _displacement})
 
 
@@ -50,26 +51,38 @@ def crosstalk_nuisances() -> Iterator[Nuisance]:
     Yields
     ------
     Nuisance
-        Per share of the one over what it usually reaches that the other reads, over what that usually reaches.
+        Per share of the one over what it usually reaches that the other reads, over what that usually reaches; in the
+        displacement by few harmonics of the angle that is told from it, and by more.
     """
-    for channel in (*READINGS, _DISPLACEMENT):
-        for name, source in _SOURCES.items():
+    std = SETTINGS.sensors.crosstalk
+    for name, source in _SOURCES.items():
+        for channel in READINGS:
             if name != channel:
                 signature = partial(_read, channel=channel, source=source)
-                yield Nuisance(name=f"{name} in {channel}", std=SETTINGS.sensors.crosstalk, signature=signature)
+                yield Nuisance(name=f"{name} in {channel}", std=std, signature=signature)
+        if name != _DISPLACEMENT:
+            for n_harmonics in SHOWN_HARMONICS:
+                yield Nuisance(
+                    name=f"{name} in {_DISPLACEMENT}, {n_harmonics} harmonics", std=std / np.sqrt(len(SHOWN_HARMONICS)),
+                    signature=partial(_tracked, source=source, n_harmonics=n_harmonics),
+                )  # fmt: skip
 
 
-def _read(
-    baseline: Baseline, state: State, *, channel: str, source: Callable[[Baseline, State], Floats | None]
-) -> Signature:
+def _read(baseline: Baseline, state: State, *, channel: str, source: _Source) -> Signature:
     share = source(baseline, state)
     if share is None or state.kind != "running":
         return {}
-    if channel == _DISPLACEMENT:
-        off_m = 2.0 * baseline.radius_m * np.mean(share, axis=0)
-        off_rad = wave_seen(baseline.mechanism, state.angle_rad[0], off_m, SHOWN_HARMONICS[-1])
-        return swing(baseline, state, np.broadcast_to(off_rad, state.angle_rad.shape), of_sensor=True)
     return reads_too_much(baseline, state, channel, _usual(baseline, state, channel) * share)
+
+
+def _tracked(baseline: Baseline, state: State, *, source: _Source, n_harmonics: int) -> Signature:
+    """By the angle that is told from a displacement which reads the source."""
+    share = source(baseline, state)
+    if share is None or state.kind != "running" or not is_angle_known(state):
+        return {}
+    off_m = 2.0 * baseline.radius_m * np.mean(share, axis=0)
+    off_rad = wave_seen(baseline.mechanism, state.angle_rad[0], off_m, n_harmonics)
+    return swing(baseline, state, np.broadcast_to(off_rad, state.angle_rad.shape), of_sensor=True)
 
 
 def _usual(baseline: Baseline, state: State, channel: str) -> float:

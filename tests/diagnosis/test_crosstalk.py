@@ -53,37 +53,41 @@ def misread(state, source, channel, share):
 
 
 def said(source, channel):
-    [found] = [one for one in crosstalk_nuisances() if one.name == f"{source} in {channel}"]
-    assert found.std == SETTINGS.sensors.crosstalk
-    return found.signature(BASELINE, INTACT)
+    found = [one for one in crosstalk_nuisances() if one.name.startswith(f"{source} in {channel}")]
+    assert sum(one.std**2 for one in found) == pytest.approx(SETTINGS.sensors.crosstalk**2)
+    return [one.signature(BASELINE, INTACT) for one in found]
 
 
 @pytest.mark.parametrize(("source", "channel"), [pair for pair in PAIRS if pair[1] != "displacement_mm"])
 def test_a_channel_that_reads_another_leaves_what_its_nuisance_says(source, channel):
     before, after = gap(INTACT), gap(misread(INTACT, source, channel, SHARE))
-    claimed = {name: SHARE * wave for name, wave in said(source, channel).items()}
+    [claimed] = said(source, channel)
+    claimed = {name: SHARE * wave for name, wave in claimed.items()}
     compare({name: after[name] - before[name] for name in after}, claimed, 0.01)
 
 
 @pytest.mark.parametrize("source", ["force_n", "motor_current_a"])
-def test_a_displacement_that_reads_another_channel_leaves_what_its_nuisance_says(source):
-    """But for a twentieth: the tracker of the angle follows a part by itself."""
-    share = 2e-3
-    before, after = gap(INTACT), gap(misread(INTACT, source, "displacement_mm", share))
-    claimed = said(source, "displacement_mm")
+def test_a_displacement_that_reads_another_channel_leaves_what_its_nuisances_say(source):
+    """But for a tenth, whatever the noise lets the tracker follow by itself."""
+    before, after = gap(INTACT), gap(misread(INTACT, source, "displacement_mm", 2e-3))
     for equation in ("electrical", "mechanical", "cutting"):
-        change, wave = after[equation] - before[equation], share * claimed[equation]
-        assert np.sum((change - wave) ** 2) < 0.05 * np.sum(change**2)
+        change = (after[equation] - before[equation])[0]
+        waves = np.column_stack([wave[equation][0] for wave in said(source, "displacement_mm")])
+        left = change - waves @ np.linalg.lstsq(waves, change)[0]
+        assert left @ left < 0.1 * (change @ change)
 
 
 def test_what_a_channel_does_not_have_it_reads_nowhere():
-    names = [one.name for one in crosstalk_nuisances()]
-    assert len(names) == len(set(names)) == len(PAIRS)
     without = replace(INTACT, force_n=None)
-    assert all(one.signature(BASELINE, without) == {} for one in crosstalk_nuisances() if one.name.startswith("force"))
+    of_force = [one for one in crosstalk_nuisances() if one.name.startswith("force_n in")]
+    assert of_force
+    assert all(one.signature(BASELINE, without) == {} for one in of_force)
 
 
-@pytest.mark.parametrize(("source", "channel"), [("displacement_mm", "force_n"), ("force_n", "displacement_mm")])
-def test_a_converter_that_has_not_settled_is_no_gap(source, channel):
-    problem = problem_of([misread(state, source, channel, 1.5e-3) for state in strokes()])
-    assert judge(problem, effect_columns(problem)).verdict == "no_gap"
+def test_a_converter_that_has_not_settled_leaves_no_more_than_one_that_has():
+    left = []
+    for share in (0.0, -2e-3):
+        problem = problem_of([misread(state, "displacement_mm", "battery_current_a", share) for state in strokes()])
+        [intact] = [h for h in judge(problem, effect_columns(problem)).hypotheses if h.name == "no_gap"]
+        left.append(intact.left_over)
+    assert left[1] < 1.2 * left[0]
