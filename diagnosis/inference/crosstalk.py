@@ -1,4 +1,4 @@
-"""Channels that read a little of each other: cables side by side, a converter that settles from one to the next.
+"""Crosstalk between channels: of cables side by side, or of a converter that has not settled from one to the next.
 
 Every channel reads a share of every other, both over what they usually reach on the machine. The force, the
 displacement and the motor's current have shapes of their own; what is locked to the battery's voltage is a zero, and

@@ -1,4 +1,4 @@
-"""Channels that read a little of each other leave what the nuisances say, and no gap."""
+"""Crosstalk between channels leaves what the nuisances say, and no more than an intact bench does."""
 
 from __future__ import annotations
 
