@@ -12,6 +12,10 @@ from sawbench.bench.recording import Alignment, Floats
 
 _LEAST_UPDATES = 20
 _LEAST_EQUAL = 0.4
+# An update changes a value by more than this many of the steps that most rows make, and of the smallest one of all.
+NOISE, _DIGITS = 5.0, 1.5
+# Of what updates bring, in squares: what may be gone in the middle of the period.
+_STAYS = 0.25
 # Fewer rows a period are no repeats: 5 of 3 is the least that a share of 0.4 leaves.
 _LEAST_ROWS = 1.5
 # The instrument's rate is about one over the median time between updates, which is a number of rows.
@@ -56,12 +60,27 @@ def without_repeats(time_s: Floats, values: Floats) -> tuple[Floats, Floats]:
     >>> len(held), late[:3].round(6).tolist()
     (50, [-0.000125, 0.001875, 0.003875])
     """
-    updates = np.flatnonzero(np.diff(values) != 0.0) + 1
-    if len(updates) < _LEAST_UPDATES or len(updates) > (1.0 - _LEAST_EQUAL) * len(values):
+    if len(values) <= _LEAST_UPDATES:
         return time_s, values
+    change = np.abs(np.diff(values))
+    held = _held(time_s, values, np.flatnonzero(change) + 1)
+    if held is None and change.any():
+        # What is picked up behind the instrument, and rounded, changes a held value from row to row as well.
+        noise = max(NOISE * float(np.quantile(change, 1.0 - _LEAST_EQUAL)), _DIGITS * float(change[change > 0.0].min()))
+        updates = np.flatnonzero(change > noise) + 1
+        held = _held(time_s, values, updates)
+        if held is not None and not _stays(held, time_s[updates], values[updates] - values[updates - 1]):
+            held = None
+    return (time_s, values) if held is None else held
+
+
+def _held(time_s: Floats, values: Floats, updates: NDArray[np.int64]) -> tuple[Floats, Floats] | None:
+    """One sample of each period, where one clock explains in which rows the value is another; None elsewhere."""
+    if len(updates) < _LEAST_UPDATES or len(updates) > (1.0 - _LEAST_EQUAL) * len(values):
+        return None
     clock = clock_of(time_s[updates - 1], time_s[updates])
     if clock is None or clock[1] < _LEAST_ROWS * float(np.median(np.diff(time_s))):
-        return time_s, values
+        return None
     # In the middle of its period a value surely stands in the table; where an update does not change it, it is one too.
     update_s, period_s = clock
     middle_s = update_s + 0.5 * period_s
@@ -71,6 +90,15 @@ def without_repeats(time_s: Floats, values: Floats) -> tuple[Floats, Floats]:
     rows -= middle_s - time_s[rows - 1] < time_s[rows] - middle_s
     is_there = np.abs(time_s[rows] - middle_s) < 0.5 * period_s
     return middle_s[is_there] - 0.5 * period_s, values[rows[is_there]]
+
+
+def _stays(held: tuple[Floats, Floats], at_s: Floats, step: Floats) -> bool:
+    """Whether a value stays at what its updates bring, as one that is held does and one with bursts does not."""
+    own_s, own = held
+    middle_s = 0.5 * (own_s[1:] + own_s[:-1])
+    after = np.clip(np.searchsorted(middle_s, at_s), 1, len(own) - 1)
+    missed = own[after] - own[after - 1] - step
+    return float(missed @ missed) < _STAYS * float(step @ step)
 
 
 def clock_of(before_s: Floats, at_s: Floats) -> tuple[float, float] | None:
