@@ -14,6 +14,7 @@ from typing import Final
 
 import numpy as np
 from sawbench.bench.recording import Floats
+from sawbench.bench.units import BATTERY_VOLTAGE, DISPLACEMENT, FORCE, MOTOR_CURRENT
 from sawbench.diagnosis.inference.nuisance import Nuisance
 from sawbench.diagnosis.inference.nuisances import READINGS, reads_too_much
 from sawbench.diagnosis.inference.plunger_drive import SHOWN_HARMONICS
@@ -23,7 +24,6 @@ from sawbench.modeling.residuals import Baseline, Signature, is_angle_known
 from sawbench.modeling.state import State
 from sawbench.processing.stroke_ripple import wave_seen
 
-_DISPLACEMENT: Final = "displacement_mm"
 # Of baseline and state: what a channel reads over what it usually reaches, of the state's shape; None without it.
 _Source = Callable[[Baseline, State], Floats | None]
 
@@ -42,7 +42,7 @@ def _displacement(baseline: Baseline, state: State) -> Floats | None:
     return baseline.mechanism.displacement(state.angle_rad) / (2.0 * baseline.radius_m)
 
 
-_SOURCES: Final = MappingProxyType({"force_n": _force, "motor_current_a": _current, _DISPLACEMENT: _displacement})
+_SOURCES: Final = MappingProxyType({FORCE.name: _force, MOTOR_CURRENT.name: _current, DISPLACEMENT.name: _displacement})
 
 
 def crosstalk_nuisances() -> Iterator[Nuisance]:
@@ -60,10 +60,11 @@ def crosstalk_nuisances() -> Iterator[Nuisance]:
             if name != channel:
                 signature = partial(_read, channel=channel, source=source)
                 yield Nuisance(name=f"{name} in {channel}", std=std, signature=signature)
-        if name != _DISPLACEMENT:
+        if name != DISPLACEMENT.name:
             for n_harmonics in SHOWN_HARMONICS:
                 yield Nuisance(
-                    name=f"{name} in {_DISPLACEMENT}, {n_harmonics} harmonics", std=std / np.sqrt(len(SHOWN_HARMONICS)),
+                    name=f"{name} in {DISPLACEMENT.name}, {n_harmonics} harmonics",
+                    std=std / np.sqrt(len(SHOWN_HARMONICS)),
                     signature=partial(_tracked, source=source, n_harmonics=n_harmonics),
                 )  # fmt: skip
 
@@ -86,6 +87,9 @@ def _tracked(baseline: Baseline, state: State, *, source: _Source, n_harmonics: 
 
 
 def _usual(baseline: Baseline, state: State, channel: str) -> float:
-    if channel == "force_n":
+    """What a channel usually reaches, in its SI unit."""
+    if channel == FORCE.name:
         return baseline.load.force_n
-    return baseline.usual_current_a if channel.endswith("_a") else float(state.motor_voltage_v.mean())
+    if channel == BATTERY_VOLTAGE.name:
+        return 0.0 if state.battery_voltage_v is None else float(state.battery_voltage_v.mean())
+    return baseline.usual_current_a

@@ -433,7 +433,7 @@ def reads_too_much(baseline: Baseline, state: State, channel: str, by: Floats) -
 
     A wave of the motor's current has a voltage over the inductance too.
     """
-    found = {name: by * wave for name, wave in READINGS[channel].signature(baseline, state).items()}
+    found: Signature = {name: by * wave for name, wave in READINGS[channel].signature(baseline, state).items()}
     if channel == "motor_current_a" and state.kind == "running" and is_angle_known(state):
         rate_a_s = state.speed_rad_s * angle_derivative(by)
         found["electrical"] = found["electrical"] - baseline.plant.inductance_h.nominal * rate_a_s

@@ -24,7 +24,7 @@ SHARE = 0.02
 # What a channel usually reaches.
 USUAL = {
     "force_n": BASELINE.load.force_n, "motor_current_a": BASELINE.usual_current_a,
-    "battery_current_a": BASELINE.usual_current_a, "battery_voltage_v": float(INTACT.motor_voltage_v.mean()),
+    "battery_current_a": BASELINE.usual_current_a, "battery_voltage_v": float(INTACT.battery_voltage_v.mean()),
     "displacement_mm": 2e3 * RADIUS,
 }  # fmt: skip
 ATTRIBUTE = {"motor_current_a": "current_a"}
