@@ -17,6 +17,7 @@ from sawbench.bench.second_core import on_two_cores
 from sawbench.bench.true_values import with_true_values
 from sawbench.bench.units import DISPLACEMENT
 from sawbench.bench.unusual_numbers import unusual_numbers
+from sawbench.diagnosis.hardness import with_guesses
 from sawbench.diagnosis.inference.off_stroke import OffStroke, off_stroke
 from sawbench.diagnosis.inference.settings import SETTINGS
 from sawbench.diagnosis.inference.stroke_series import StrokeSeries, stroke_series
@@ -31,17 +32,12 @@ from sawbench.diagnosis.unusual_numbers import naming, slow_channels, unusual_se
 from sawbench.modeling.effects.known import KnownEffect
 from sawbench.modeling.load import load_of
 from sawbench.modeling.machines.saw_baseline import baseline_of
-from sawbench.modeling.parts.linear import coefficient
 from sawbench.modeling.residuals import Baseline, residuals
 from sawbench.modeling.state import TWO_PI, State, TrialSetting
 from sawbench.processing.held_values import alignment_of_rows
 from sawbench.processing.settled import LOADED_S
 
 _NUMBERS = SETTINGS.screening
-# Known effects of the cut and the coefficient that they scale with: each time some per cent of the last change is left.
-_REGRESSIONS = 6
-# Of the largest force of a campaign: less is on no preload's edge.
-_FAR_BELOW = 0.7
 # What a blade in air cuts.
 _AIR = "air"
 # Trials of which a part is used: so many are named one by one.
@@ -162,7 +158,7 @@ def campaign_of(trials: Sequence[TrackedTrial], baseline: Baseline, warnings: li
     if not states:
         raise InputError(f"no trial is long enough to be diagnosed: {summary(warnings)}")
     _refuse_without_equation(baseline, states)
-    states, guesses = _with_guesses(baseline, _with_shared_steps(states))
+    states, guesses = with_guesses(baseline, _with_shared_steps(states))
     session_s = max(state.setting.session_s + float(state.time_s.max()) for state in states)
     baseline = replace(baseline, load=load_of(baseline, states), session_s=max(session_s, 1.0))
     labels = {state.setting.label for state in states}
@@ -374,7 +370,7 @@ def _without_displacement(trials: Sequence[TrackedTrial], baseline: Baseline, wa
         for index, ((trial, found), track) in enumerate(zip(usable, tracks, strict=True))
     ]
     _refuse_without_equation(baseline, states)
-    states, guesses = _with_guesses(baseline, states)
+    states, guesses = with_guesses(baseline, states)
     warnings.append(
         "no displacement in any trial: the stroke rate is read from the ripple of force or current, and only means over"
         " whole strokes are compared; no statement on friction, mechanism, cutting law or force sensor is possible"
@@ -430,86 +426,5 @@ def with_known(campaign: Campaign, known: Sequence[KnownEffect]) -> Campaign:
     plant = campaign.plant.with_known(known)
     if not isinstance(plant, Jigsaw):
         return replace(campaign, plant=plant)
-    states, guesses = _with_guesses(plant.baseline, campaign.states)
+    states, guesses = with_guesses(plant.baseline, campaign.states)
     return replace(campaign, plant=plant, states=tuple(states), k_guess_n_s_per_m=guesses)
-
-
-def _with_guesses(baseline: Baseline, states: Sequence[State]) -> tuple[list[State], dict[str, float]]:
-    """Regress k_Fc of each stock; return states with it and with the campaign's extremes, and all of them by stock.
-
-    Known effects of the cut are taken off the force; most scale with the coefficient, so it is found again with them.
-    """
-    peak_n = top_a = 0.0
-    for state in states:
-        if state.kind == "running" and not state.setting.is_idle and state.force_n is not None:
-            peak_n = max(peak_n, float(state.force_n.mean(axis=0).max()))
-        if state.current_a is not None:
-            # Recordings that begin on a running machine hold no start-up: a limit acts in their cuts.
-            current_a = state.current_a if state.kind == "start_up" else state.current_a.mean(axis=0)
-            top_a = max(top_a, float(current_a.max()))
-    below = {s.setting.label: _below(baseline, s, peak_n) for s in states if s.kind == "running"}
-    found = [
-        replace(state, peak_force_n=peak_n, top_current_a=top_a, k_below_n_s_per_m=below.get(state.setting.label, 0.0))
-        for state in states
-    ]
-    guesses: dict[str, float] = {}
-    for _ in range(_REGRESSIONS if baseline.known else 1):
-        regressed = _regressed(baseline, found)
-        guesses = {stock: k_fc for stock, (k_fc, _) in regressed.items()}
-        hardness = _hardness(baseline, found)
-        none = (0.0, 0.0)
-        for at, state in enumerate(found):
-            k_fc, rad_s = none if state.setting.is_idle else regressed.get(state.setting.stock, none)
-            harder = hardness.get(state.setting.label, 1.0)
-            found[at] = replace(state, k_guess_n_s_per_m=k_fc, regressed_at_rad_s=rad_s, hardness=harder)
-    return found, guesses
-
-
-def _below(baseline: Baseline, state: State, peak_n: float) -> float:
-    """Regress force on cutting speed where the mean stroke's force is far below a peak; 0 where nothing is cut."""
-    if state.setting.is_idle or state.force_n is None:
-        return 0.0
-    force_n, speed_m_s = state.force_n.mean(axis=0), baseline.cutting_speed(state).mean(axis=0)
-    low = (speed_m_s > 0.0) & (force_n < _FAR_BELOW * peak_n)
-    return max(float(coefficient(force_n[low], speed_m_s[low])), 0.0) if low.any() else 0.0
-
-
-def _regressed(baseline: Baseline, states: Sequence[State]) -> dict[str, tuple[float, float]]:
-    """Regress force on cutting speed over the running trials of each stock: k_Fc, and the crank speed that counts."""
-    found: dict[str, tuple[float, float]] = {}
-    for stock, trials in _cuts(baseline, states).items():
-        force_n, speed_m_s, rad_s = (
-            np.concatenate(of) for of in zip(*((*cut, state.speed_rad_s) for state, *cut in trials), strict=True)
-        )
-        at_rad_s = float(np.sum(rad_s * speed_m_s**2) / max(float(np.sum(speed_m_s**2)), 1e-300))
-        found[stock] = (max(float(coefficient(force_n, speed_m_s)), 0.0), at_rad_s)
-    return found
-
-
-def _hardness(baseline: Baseline, states: Sequence[State]) -> dict[str, float]:
-    """Cutting coefficient of each trial over that of its stock, by label.
-
-    By regression with an intercept over the whole mean stroke: a zero of the load cell makes no piece harder.
-    """
-    found: dict[str, float] = {}
-    for trials in _cuts(baseline, states).values():
-        slopes, squares = [], []
-        for _, force_n, speed_m_s in trials:
-            mean_n, mean_m_s = force_n.mean(axis=0), speed_m_s.mean(axis=0)
-            away_m_s = mean_m_s - mean_m_s.mean()
-            squares.append(max(float(away_m_s @ away_m_s), 1e-300))
-            slopes.append(float(away_m_s @ mean_n) / squares[-1])
-        of_stock = float(np.average(slopes, weights=squares))
-        for (state, *_), slope in zip(trials, slopes, strict=True):
-            found[state.setting.label] = slope / of_stock if min(slope, of_stock) > 0.0 else 1.0
-    return found
-
-
-def _cuts(baseline: Baseline, states: Sequence[State]) -> dict[str, list[tuple[State, Floats, Floats]]]:
-    """Running trials of each stock, with the force less known effects, N, and the cutting speed, m/s."""
-    found: dict[str, list[tuple[State, Floats, Floats]]] = {}
-    for state in states:
-        if state.kind == "running" and not state.setting.is_idle and state.force_n is not None:
-            force_n = state.force_n - baseline.known_signature(state).get("cutting", 0.0)
-            found.setdefault(state.setting.stock, []).append((state, force_n, baseline.cutting_speed(state)))
-    return found

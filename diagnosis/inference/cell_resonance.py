@@ -1,42 +1,39 @@
 """The load cell's own resonance, where a campaign shows it: a part of the model, and no gap.
 
-All of the force goes through the cell, so a ring has one size only, and a frequency and a damping that are the same in
-every trial. What the edges of a force do that no form of the catalogue has right may look like a ring too. So the ring
-is compared beside the best effect as it shows that, or the best two, with the best further effect in its place.
+A ring has a frequency, a damping and a share of the force that are the same in every trial. What the edges of a force
+do that no form of the catalogue has right may look like a ring too. So the ring that the mean strokes show
+(`ring_search`) is compared with the best further effect in its place.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
-from sawbench.bench.plain_digits import rounded
 from sawbench.bench.recording import Floats
 from sawbench.bench.units import FORCE
 from sawbench.diagnosis.campaign import Campaign, with_known
-from sawbench.diagnosis.inference.columns import Column, columns_in
+from sawbench.diagnosis.inference.columns import little_of_each
 from sawbench.diagnosis.inference.dispersion import (
+    background_with_noise,
     columns_with_noise,
     noise_factor_beside,
-    stacked_with_noise,
     with_noise,
 )
 from sawbench.diagnosis.inference.effect_columns import weighed_effects
-from sawbench.diagnosis.inference.evidence import Catalogue, Explanation, explain
-from sawbench.diagnosis.inference.linear_problem import LinearProblem, build_problem
+from sawbench.diagnosis.inference.evidence import Catalogue, Explanation
+from sawbench.diagnosis.inference.linear_problem import build_problem
 from sawbench.diagnosis.inference.marginal import Marginal
-from sawbench.diagnosis.inference.refining import WeighedAlone, climbed, coefficients
-from sawbench.diagnosis.inference.shown_pair import best_shown_pair
+from sawbench.diagnosis.inference.refining import WeighedAlone
+from sawbench.diagnosis.inference.ring_search import likeliest_ring
 from sawbench.modeling.effects.effect import Effect
 from sawbench.modeling.effects.known import KnownEffect
 
 # Above this share of the sample rate a filter before the converter takes off what rings, or it appears elsewhere.
 _HIGHEST: Final = 0.45
-_DIFFERENCE: Final = 1e-3
-# A ring that was refined to the end of its range is there but for rounding.
-_INSIDE: Final = 1.0 + 1e-6
+# Effects beside which a model with a ring and one without are compared.
+_FURTHER: Final = 3
 
 
 def with_cell_resonance(campaign: Campaign) -> WeighedAlone:
@@ -56,142 +53,56 @@ def with_cell_resonance(campaign: Campaign) -> WeighedAlone:
     for one in campaign.plant.machine.sensor_properties:
         known = campaign.plant.known
         is_known = any(one.name == other.effect.name for other in known)
-        ringing = None if is_known else cell_resonance(weighed, one)
-        if ringing is not None:
-            weighed = weighed_effects(build_problem(with_known(campaign, (*known, ringing))))
+        ring = None if is_known else _ring_of(campaign, one)
+        if ring is not None:
+            ringing = weighed_effects(build_problem(with_known(campaign, (*known, ring))))
+            weighed = ringing if _explains_more(ringing, weighed) else weighed
     return weighed
 
 
-def cell_resonance(weighed: WeighedAlone, resonance: Effect) -> KnownEffect | None:
-    """Resonance of the load cell as a model can hold it.
-
-    Parameters
-    ----------
-    weighed : WeighedAlone
-        Of `weighed_effects`.
-    resonance : Effect
-
-    Returns
-    -------
-    KnownEffect or None
-        None where the best further effect of the catalogue explains as much in its place.
-    """
-    problem = weighed.problem
-    forms = columns_in(problem, resonance, _sampled(problem.campaign, resonance))
-    if not forms:
-        return None
-    weighing = _Weighing(weighed)
-    found = weighing.likeliest(forms)
-    if not (_is_inside(found.ring.column, forms) and weighing.is_shown(found, n_forms=len(forms))):
-        return None
-    noise = noise_factor_beside(problem, np.hstack([column.of_any_size for column in found.columns]))
-    columns = columns_with_noise(problem, weighed.columns, noise)
-    weighing = _Weighing(WeighedAlone(with_noise(problem, noise), columns))
-    if not weighing.is_shown(found.with_noise(problem, noise), n_forms=len(forms)):
-        return None
-    return _known(problem, found.ring, noise)
-
-
-def _is_inside(ring: Column, forms: Sequence[Column]) -> bool:
-    """Whether a ring has a frequency between those of its forms: at the end of their range what rings is beyond."""
-    name = ring.effect.strength.name
-    every = [form.shape[name] for form in forms]
-    return min(every) * _INSIDE < ring.shape[name] < max(every) / _INSIDE
-
-
-@dataclass(frozen=True, kw_only=True, slots=True)
-class _Ringing:
-    """A ring beside the effect that explains most with it.
-
-    Attributes
-    ----------
-    ring : Explanation
-    base : Column, optional
-        Of the effect as the ring shows it; None where the ring is best alone.
-    """
-
-    ring: Explanation
-    base: Column | None
-
-    @property
-    def columns(self) -> list[Column]:
-        """Of the ring, and of the effect if there is one."""
-        return [self.ring.column, *([] if self.base is None else [self.base])]
-
-    def with_noise(self, problem: LinearProblem, variance: Floats) -> _Ringing:
-        """Both whitened for noise whose variance is that much larger, (n,)."""
-        ring, *base = columns_with_noise(problem, {"": self.columns}, variance)[""]
-        return _Ringing(ring=replace(self.ring, column=ring), base=next(iter(base), None))
-
-
-class _Weighing:
-    """What a ring explains beside the best effects of the catalogue, and what these explain without it."""
-
-    def __init__(self, weighed: WeighedAlone) -> None:
-        self._problem, self._alone = weighed.problem, weighed.marginal
-        self._catalogue, self._half = weighed.catalogue, weighed.half
-        best = [one.column for one in weighed.best[: weighed.problem.settings.forms.n_first]]
-        self._given = [(None, self._alone), *((column, self._beside(column)) for column in best)]
-
-    def likeliest(self, forms: Sequence[Column]) -> _Ringing:
-        """Best ring, with the effect beside which it is best; both between the forms of the catalogue."""
-        rings = Catalogue({"": list(forms)}, self._problem.data)
-        half = self._alone.half(rings.stacked)
-        given = [(None, self._alone, half), *((c, m, m.half(rings.stacked, half)) for c, m in self._given[1:])]
-        base, marginal, ring = max(
-            ((base, marginal, rings.explain(marginal, taken)[""]) for base, marginal, taken in given),
-            key=lambda each: each[1].log_evidence + each[2].log_evidence,
-        )
-        pair = None if base is None else best_shown_pair(self._problem, self._alone, forms, base)
-        if pair is not None:
-            return _Ringing(ring=pair.sensor, base=pair.shown.column)
-        return _Ringing(ring=climbed(self._problem, marginal, ring), base=base)
-
-    def is_shown(self, found: _Ringing, *, n_forms: int) -> bool:
-        """Whether a ring, the best of so many forms, gains more than the best further effect in its place.
-
-        Beside one effect, or beside two. More by the standard deviation of the log evidence without it, its square
-        root; at least by `settings.Report.odds`.
-        """
-        least = np.log(self._problem.settings.report.odds)
-        best, without = max(self._given, key=lambda each: each[1].log_evidence)
-        names = [] if best is None else [best.effect.name]
-        shown, stacked = self._beside(found.base), self._catalogue.stacked
-        half = self._half if best is None else without.half(stacked, self._half)
-        for is_last in (False, True):
-            ring = explain(shown, [found.ring.column])
-            others = self._catalogue.explain(without, half, beside=names)
-            further = max((one for name, one in others.items() if name not in names), key=lambda one: one.log_evidence)
-            rival = without.log_evidence + max(further.log_evidence, 0.0)
-            scatter = max(np.sqrt(max(rival - self._alone.log_evidence, 0.0)), least)
-            if ring is not None and shown.log_evidence + ring.log_evidence - np.log(n_forms) - rival > scatter:
-                return True
-            if is_last:
-                break
-            names.append(further.effect.name)
-            without, shown = (one.beside(further.column.of_any_size) for one in (without, shown))
-            half = without.half(stacked, half)
-        return False
-
-    def _beside(self, column: Column | None) -> Marginal:
-        return self._alone if column is None else self._alone.beside(column.of_any_size)
-
-
-def _known(problem: LinearProblem, ring: Explanation, noise: Floats) -> KnownEffect:
-    """A ring as a model can hold it, its frequency as uncertain as noise, (n,), that nothing explains leaves it."""
-    effect, shape = ring.effect, ring.column.shape
-    name = effect.strength.name
-    (near,) = columns_in(problem, effect, [{**shape, name: (1.0 + _DIFFERENCE) * shape[name]}])
-    slope = (near.columns - ring.column.columns) @ coefficients(ring)[:, None] / _DIFFERENCE
-    gram, _ = Marginal(with_noise(problem, noise)).gram(stacked_with_noise(problem, [slope], noise))
-    return KnownEffect(
-        effect=effect, value=rounded(shape[name]), std=rounded(shape[name] / float(np.sqrt(gram[0, 0]))),
-        form={key: rounded(value) for key, value in shape.items() if key != name},
-    )  # fmt: skip
-
-
-def _sampled(campaign: Campaign, resonance: Effect) -> list[dict[str, float]]:
-    """Forms that ring at a frequency which the force was sampled for."""
+def _ring_of(campaign: Campaign, resonance: Effect) -> KnownEffect | None:
+    """Likeliest ring at a frequency that the force was sampled for."""
     rates_hz = [one.rate_hz for one in campaign.health if one.channel == FORCE.name]
-    highest_hz = _HIGHEST * min(rates_hz, default=0.0)
-    return [shape for shape in resonance.shapes if shape["frequency_hz"] < highest_hz]
+    return likeliest_ring(campaign, resonance, _HIGHEST * min(rates_hz, default=0.0))
+
+
+def _explains_more(ringing: WeighedAlone, weighed: WeighedAlone) -> bool:
+    """Whether a model with a ring explains more than the best further effect does in its place.
+
+    Beside none, one or two effects. More by the standard deviation of the log evidence without it, its square root; at
+    least by `settings.Report.odds`; for the noise as it was measured, and for as much as the ring leaves.
+    """
+    least = np.log(weighed.problem.settings.report.odds)
+    noise = np.ones(len(weighed.problem.data))
+    for _ in range(2):
+        rung, given = _log_evidences(ringing, noise)
+        plain, _ = _log_evidences(weighed, noise)
+        scatter = max(np.sqrt(max(plain[-1] - plain[0], 0.0)), least)
+        if max(with_ring - without for with_ring, without in zip(rung, plain[1:], strict=False)) < scatter:
+            return False
+        noise = noise_factor_beside(ringing.problem, given)
+    return True
+
+
+def _log_evidences(weighed: WeighedAlone, noise: Floats) -> tuple[list[float], Floats]:
+    """Log evidence beside none, one, two and three of the best effects; background and these effects, of any size."""
+    problem, columns = with_noise(weighed.problem, noise), columns_with_noise(weighed.problem, weighed.columns, noise)
+    little = little_of_each(weighed.problem, weighed.columns)
+    marginal = Marginal(problem).beside(background_with_noise(little, noise))
+    catalogue = Catalogue(columns, problem.data)
+    found, names, given = [marginal.log_evidence], list[str](), [*little.values()]
+    for _ in range(_FURTHER):
+        best = _best(catalogue, marginal, names)
+        if best is not None:
+            names.append(best.effect.name)
+            marginal = marginal.beside(best.column.of_any_size)
+            given += [c.of_any_size for c in weighed.columns[best.effect.name] if c.is_form_of(best.column)]
+        found.append(marginal.log_evidence)
+    return found, np.hstack(given)
+
+
+def _best(catalogue: Catalogue, marginal: Marginal, names: Sequence[str]) -> Explanation | None:
+    """Effect with the most evidence beside some others, if any has more than none."""
+    found = catalogue.explain(marginal, marginal.half(catalogue.stacked), beside=names)
+    best = max((e for name, e in found.items() if name not in names), key=lambda e: e.log_evidence, default=None)
+    return None if best is None or best.log_evidence <= 0.0 else best

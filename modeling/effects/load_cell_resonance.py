@@ -1,19 +1,47 @@
 """The load cell rings by itself, with what is clamped to it: a property of the sensor, no effect of the machine.
 
-The same transfer function as that of the carriage (`carriage_resonance`), above its frequencies, and all of the force
-goes through the cell: the share that rings is 1, but for the error of a gain. Cells of 200 N to 2 kN with a clamp of
-0.05 to 0.5 kg ring at 300 Hz to some kHz with a damping ratio of 0.01 to 0.1: assumed.
+    F_m = F + s (resonance of F, less F)
+
+The same transfer function as that of the carriage (`carriage_resonance`), above its frequencies. All of the force goes
+through the cell, so that a single mode has all of it (s = 1, but for the error of a gain); of a carriage with several
+modes, or with a guide that bears a part of the force, one has less. Cells of 200 N to 2 kN with a clamp of 0.05 to
+0.5 kg ring at 300 Hz to some kHz with a damping ratio of 0.01 to 0.1: assumed.
 """
 
 from __future__ import annotations
 
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 
 import numpy as np
+from sawbench.bench.recording import Floats
 from sawbench.modeling.effects import carriage_resonance
-from sawbench.modeling.effects.effect import Strength, Words
+from sawbench.modeling.effects.effect import Prepared, Strength, TransferFunction, Words
+from sawbench.modeling.effects.transfer import Spectrum, force_error, resonance
+from sawbench.modeling.residuals import Baseline, Signature
+from sawbench.modeling.state import State
 
 _FREQUENCIES_HZ = tuple(float(f) for f in np.geomspace(carriage_resonance.HIGHEST_HZ, 1500.0, 28))
+_LEAST_SHARE = 0.05
+
+
+def _prepared(baseline: Baseline, state: State) -> Callable[..., tuple[Signature, ...]]:
+    force = baseline.expected_force(state)
+    expected = Spectrum(force, state)
+
+    def signature(frequency_hz: float, damping: float, share: float = 1.0) -> tuple[Signature, ...]:
+        rings = expected.through(lambda f: resonance(frequency_hz, damping, f)) - force
+        return (force_error(baseline, state, share * rings),)
+
+    return signature
+
+
+def _distorts(
+    _: State, coefficients: Floats, frequency_hz: float, damping: float, share: float = 1.0
+) -> Mapping[str, TransferFunction]:
+    size = float(coefficients[0]) * share
+    return {"cutting": lambda f: 1.0 + size * (resonance(frequency_hz, damping, f) - 1.0)}
+
 
 EFFECT = replace(
     carriage_resonance.EFFECT,
@@ -25,11 +53,18 @@ EFFECT = replace(
         mend="use a stiffer load cell or a lighter clamp",
     ),
     strength=Strength(name="frequency_hz", unit="Hz", typical=1.0, low=0.8, high=1.25, source="assumed"),
+    signature=Prepared(_prepared),
     n_signatures=lambda shape: 1,
-    shapes=tuple({"frequency_hz": f, "damping": z} for f in _FREQUENCIES_HZ for z in (0.01, 0.02, 0.04, 0.08, 0.16)),
-    continuous=("frequency_hz", "damping"),
+    shapes=tuple(
+        {"frequency_hz": f, "damping": z, **share}
+        for share in ({}, {"share": 1.0}, {"share": _LEAST_SHARE})
+        for f in _FREQUENCIES_HZ
+        for z in (0.01, 0.02, 0.04, 0.08, 0.16)
+    ),
+    continuous=("frequency_hz", "damping", "share"),
     leading=0,
     confused_with=(),
     told_apart_by="",
     background=None,
+    distorts=_distorts,
 )

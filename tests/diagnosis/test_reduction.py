@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 from sawbench.bench.processed import CrankAngle, Cut
 from sawbench.bench.recording import Signal, Trial
-from sawbench.diagnosis.campaign import _with_guesses, used_in_part
+from sawbench.diagnosis.campaign import used_in_part
+from sawbench.diagnosis.hardness import with_guesses
 from sawbench.diagnosis.inference.features import START_UP_EDGES_S, Layout, harmonics, time_bins, times_over_angles
 from sawbench.diagnosis.plants.jigsaw import Jigsaw
 from sawbench.diagnosis.reduction import between_samples, running_state, share_switched_on, start_up_state
@@ -297,7 +298,7 @@ def test_a_swing_of_the_angle_read_changes_no_mean_of_speed_or_acceleration():
 def test_the_largest_current_is_that_of_a_cut_where_no_start_up_was_recorded():
     """A current limit is a share of it: without one, the effect had no form at all."""
     running = strokes()
-    found, _ = _with_guesses(BASELINE, running)
+    found, _ = with_guesses(BASELINE, running)
     largest_a = max(float(s.current_a.mean(axis=0).max()) for s in running)
     assert {s.top_current_a for s in found} == {largest_a}
     limited = EFFECT_BY_NAME["current_limit"].signatures(BASELINE, found[0], {"share": 0.7, "soft": 1.0})
