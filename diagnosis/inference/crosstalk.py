@@ -2,7 +2,8 @@
 
 Every channel reads a share of every other, both over what they usually reach on the machine. The force, the
 displacement and the motor's current have shapes of their own; what is locked to the battery's voltage is a zero, and
-the battery's current has the shape of the motor's.
+the battery's current has the shape of the motor's. A displacement that reads the force shows what a drive that yields
+to it does (`plunger_drive`), which is larger.
 """
 
 from __future__ import annotations
@@ -60,13 +61,11 @@ def crosstalk_nuisances() -> Iterator[Nuisance]:
             if name != channel:
                 signature = partial(_read, channel=channel, source=source)
                 yield Nuisance(name=f"{name} in {channel}", std=std, signature=signature)
-        if name != DISPLACEMENT.name:
-            for n_harmonics in SHOWN_HARMONICS:
-                yield Nuisance(
-                    name=f"{name} in {DISPLACEMENT.name}, {n_harmonics} harmonics",
-                    std=std / np.sqrt(len(SHOWN_HARMONICS)),
-                    signature=partial(_tracked, source=source, n_harmonics=n_harmonics),
-                )  # fmt: skip
+    for n_harmonics in SHOWN_HARMONICS:
+        yield Nuisance(
+            name=f"{MOTOR_CURRENT.name} in {DISPLACEMENT.name}, {n_harmonics} harmonics",
+            std=std / np.sqrt(len(SHOWN_HARMONICS)), signature=partial(_current_tracked, n_harmonics=n_harmonics),
+        )  # fmt: skip
 
 
 def _read(baseline: Baseline, state: State, *, channel: str, source: _Source) -> Signature:
@@ -76,9 +75,9 @@ def _read(baseline: Baseline, state: State, *, channel: str, source: _Source) ->
     return reads_too_much(baseline, state, channel, _usual(baseline, state, channel) * share)
 
 
-def _tracked(baseline: Baseline, state: State, *, source: _Source, n_harmonics: int) -> Signature:
-    """By the angle that is told from a displacement which reads the source."""
-    share = source(baseline, state)
+def _current_tracked(baseline: Baseline, state: State, *, n_harmonics: int) -> Signature:
+    """By the angle that is told from a displacement which reads the motor's current."""
+    share = _current(baseline, state)
     if share is None or state.kind != "running" or not is_angle_known(state):
         return {}
     off_m = 2.0 * baseline.radius_m * np.mean(share, axis=0)

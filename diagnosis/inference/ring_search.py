@@ -14,6 +14,7 @@ from typing import Final
 import numpy as np
 from sawbench.bench.plain_digits import rounded
 from sawbench.bench.recording import Floats
+from sawbench.bench.second_core import on_two_cores
 from sawbench.diagnosis.campaign import Campaign
 from sawbench.diagnosis.inference.settings import SETTINGS
 from sawbench.modeling.effects.effect import Effect
@@ -33,6 +34,8 @@ _APART, _DAMPINGS, _SHARES, _N_SEARCHED = 1.05, (0.02, 0.06), (1.0, 0.5), 3
 _GAIN_STD: Final = 0.03
 # First steps of a search in the logarithms of frequency and damping and in the share, and those of a second difference.
 _FIRST, _SECOND = np.vstack([np.zeros(3), np.diag([0.02, 0.3, -0.15])]), np.array([1e-3, 2e-2, 1e-2])
+# Where a search ends: as close in these, and in nats.
+_CLOSE = {"xatol": 3e-4, "fatol": 0.03}
 # How far below the lowest frequency a search may go, in the logarithm; a place without a share.
 _BELOW, _NO_SHARE = 0.1, np.array([1.0, 1.0, 0.0])
 # Of the largest direction of all forms: those that are smaller are none.
@@ -58,14 +61,13 @@ def likeliest_ring(campaign: Campaign, resonance: Effect, highest_hz: float) -> 
     from scipy.optimize import minimize
 
     strokes = _strokes(campaign)
-    ends = {
-        key: np.array([min(values), max(values)])
+    of_hz, of_damping, of_share = (
+        sorted({shape[key] for shape in resonance.shapes if key in shape})
         for key in ("frequency_hz", "damping", "share")
-        if (values := [shape[key] for shape in resonance.shapes if key in shape])
-    }
-    if not strokes or highest_hz <= ends["frequency_hz"][0]:
+    )
+    if not strokes or highest_hz <= of_hz[0]:
         return None
-    low, high = np.log(np.minimum(ends["frequency_hz"], highest_hz))
+    low, high = np.log([of_hz[0], min(of_hz[-1], highest_hz)])
     n_begun = 1 + int(np.ceil((high - low) / np.log(_APART)))
     begun = [
         np.array([log_hz, np.log(damping), share])
@@ -75,16 +77,21 @@ def likeliest_ring(campaign: Campaign, resonance: Effect, highest_hz: float) -> 
     def cost(place: Floats) -> float:
         return _lacking(strokes, resonance, place)
 
-    bounds = [(low - _BELOW, high), np.log(ends["damping"]), ends["share"]]
+    costs = np.array(on_two_cores(cost, begun))
+    without = cost(begun[0] * _NO_SHARE)
+    if costs.min() > without:
+        return None
+    bounds = [(low - _BELOW, high), np.log([of_damping[0], of_damping[-1]]), (of_share[0], of_share[-1])]
+    simplexes = [begun[at] + _FIRST for at in np.argsort(costs)[:_N_SEARCHED]]
     found = [
-        minimize(cost, place, method="Nelder-Mead", bounds=bounds, options={"initial_simplex": place + _FIRST})
-        for place in sorted(begun, key=cost)[:_N_SEARCHED]
+        minimize(cost, one[0], method="Nelder-Mead", bounds=bounds, options={"initial_simplex": one, **_CLOSE})
+        for one in simplexes
     ]
     best = min(found, key=lambda one: one.fun)
-    at, gained = best.x, _lacking(strokes, resonance, begun[0] * _NO_SHARE) - best.fun
-    if gained < np.log(len(begun)) + np.log(SETTINGS.report.odds) or not low < at[0] < high - _SECOND[0]:
+    gained, least = without - best.fun, np.log(len(begun)) + np.log(SETTINGS.report.odds)
+    if gained < least or not low < best.x[0] < high - _SECOND[0]:
         return None
-    return replace(_ring(resonance, at), std=rounded(float(np.exp(at[0])) * _std(cost, at)))
+    return replace(_ring(resonance, best.x), std=rounded(float(np.exp(best.x[0])) * _std(cost, best.x)))
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)

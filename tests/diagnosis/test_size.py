@@ -170,6 +170,7 @@ CUTTING = SimpleNamespace(
     cutting_speed=lambda _: np.full((1, 1), 0.5),
     blade_velocity=lambda _: np.full((1, 1), -0.5),
     expected_force=lambda _: np.full((1, 1), 100.0),
+    stock_force=lambda _: np.full((1, 1), 100.0),
     load_torque=lambda _, force: 0.0 * force,
 )
 
