@@ -13,7 +13,7 @@ from sawbench.bench.recording import Alignment, Floats
 _LEAST_UPDATES = 20
 _LEAST_EQUAL = 0.4
 # An update changes a value by more than this many of the steps that most rows make, and of the smallest one of all.
-NOISE, _DIGITS = 5.0, 1.5
+_NOISE, _DIGITS = 5.0, 1.5
 # Of what updates bring, in squares: what may be gone in the middle of the period.
 _STAYS = 0.25
 # Fewer rows a period are no repeats: 5 of 3 is the least that a share of 0.4 leaves.
@@ -66,7 +66,9 @@ def without_repeats(time_s: Floats, values: Floats) -> tuple[Floats, Floats]:
     held = _held(time_s, values, np.flatnonzero(change) + 1)
     if held is None and change.any():
         # What is picked up behind the instrument, and rounded, changes a held value from row to row as well.
-        noise = max(NOISE * float(np.quantile(change, 1.0 - _LEAST_EQUAL)), _DIGITS * float(change[change > 0.0].min()))
+        noise = max(
+            _NOISE * float(np.quantile(change, 1.0 - _LEAST_EQUAL)), _DIGITS * float(change[change > 0.0].min())
+        )
         updates = np.flatnonzero(change > noise) + 1
         held = _held(time_s, values, updates)
         if held is not None and not _stays(held, time_s[updates], values[updates] - values[updates - 1]):

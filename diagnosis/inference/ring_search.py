@@ -40,6 +40,8 @@ _CLOSE = {"xatol": 3e-4, "fatol": 0.03}
 _BELOW, _NO_SHARE = 0.1, np.array([1.0, 1.0, 0.0])
 # Of the largest direction of all forms: those that are smaller are none.
 _LEAST_DIRECTION: Final = 1e-6
+# N^2: what forms leave of a force without noise.
+_NOTHING: Final = 1e-12
 
 
 def likeliest_ring(campaign: Campaign, resonance: Effect, highest_hz: float) -> KnownEffect | None:
@@ -159,7 +161,7 @@ def _lacking(strokes: list[_Stroke], resonance: Effect, place: Floats) -> float:
     size = np.linalg.lstsq(whole, force_n, rcond=_LEAST_DIRECTION)[0]
     left = force_n - whole @ size
     cost = float(np.log1p(((1.0 - place[2]) / _GAIN_STD) ** 2)) if place[2] else 0.0
-    return 0.5 * len(left) * float(np.log(left @ left)) + cost
+    return 0.5 * len(left) * float(np.log(max(left @ left, _NOTHING))) + cost
 
 
 def _std(cost: Callable[[Floats], float], best: Floats) -> float:
