@@ -15,10 +15,12 @@ from sawbench.modeling.state import State
 _REGRESSIONS = 6
 # Of the largest force of a campaign: less is on no preload's edge.
 _FAR_BELOW = 0.7
+# Running trials of each stock, with the force less known effects, N, and the cutting speed, m/s.
+_Cuts = dict[str, list[tuple[State, Floats, Floats]]]
 
 
 def with_guesses(baseline: Baseline, states: Sequence[State]) -> tuple[list[State], dict[str, float]]:
-    """Regress k_Fc of each stock; return states with it and with the campaign's extremes, and all of them by stock.
+    """Regress k_Fc of each stock and piece; return states with it and the campaign's extremes, and k_Fc by stock.
 
     Known effects of the cut are taken off the force; most scale with the coefficient, so it is found again with them.
     """
@@ -37,9 +39,9 @@ def with_guesses(baseline: Baseline, states: Sequence[State]) -> tuple[list[Stat
     ]
     guesses: dict[str, float] = {}
     for _ in range(_REGRESSIONS if baseline.known else 1):
-        regressed = _regressed(baseline, found)
+        cuts = _cuts(baseline, found)
+        regressed, hardness = _regressed(cuts), _hardness(cuts)
         guesses = {stock: k_fc for stock, (k_fc, _) in regressed.items()}
-        hardness = _hardness(baseline, found)
         none = (0.0, 0.0)
         for at, state in enumerate(found):
             k_fc, rad_s = none if state.setting.is_idle else regressed.get(state.setting.stock, none)
@@ -57,10 +59,10 @@ def _below(baseline: Baseline, state: State, peak_n: float) -> float:
     return max(float(coefficient(force_n[low], speed_m_s[low])), 0.0) if low.any() else 0.0
 
 
-def _regressed(baseline: Baseline, states: Sequence[State]) -> dict[str, tuple[float, float]]:
+def _regressed(cuts: _Cuts) -> dict[str, tuple[float, float]]:
     """Regress force on cutting speed over the running trials of each stock: k_Fc, and the crank speed that counts."""
     found: dict[str, tuple[float, float]] = {}
-    for stock, trials in _cuts(baseline, states).items():
+    for stock, trials in cuts.items():
         force_n, speed_m_s, rad_s = (
             np.concatenate(of) for of in zip(*((*cut, state.speed_rad_s) for state, *cut in trials), strict=True)
         )
@@ -69,13 +71,13 @@ def _regressed(baseline: Baseline, states: Sequence[State]) -> dict[str, tuple[f
     return found
 
 
-def _hardness(baseline: Baseline, states: Sequence[State]) -> dict[str, float]:
+def _hardness(cuts: _Cuts) -> dict[str, float]:
     """Cutting coefficient of each trial over that of its stock, by label.
 
     By regression with an intercept over the whole mean stroke: a zero of the load cell makes no piece harder.
     """
     found: dict[str, float] = {}
-    for trials in _cuts(baseline, states).values():
+    for trials in cuts.values():
         slopes, squares = [], []
         for _, force_n, speed_m_s in trials:
             mean_n, mean_m_s = force_n.mean(axis=0), speed_m_s.mean(axis=0)
@@ -88,9 +90,8 @@ def _hardness(baseline: Baseline, states: Sequence[State]) -> dict[str, float]:
     return found
 
 
-def _cuts(baseline: Baseline, states: Sequence[State]) -> dict[str, list[tuple[State, Floats, Floats]]]:
-    """Running trials of each stock, with the force less known effects, N, and the cutting speed, m/s."""
-    found: dict[str, list[tuple[State, Floats, Floats]]] = {}
+def _cuts(baseline: Baseline, states: Sequence[State]) -> _Cuts:
+    found: _Cuts = {}
     for state in states:
         if state.kind == "running" and not state.setting.is_idle and state.force_n is not None:
             force_n = state.force_n - baseline.known_signature(state).get("cutting", 0.0)

@@ -7,7 +7,7 @@ do that no form of the catalogue has right may look like a ring too. So the ring
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Final
 
 import numpy as np
@@ -74,9 +74,10 @@ def _explains_more(ringing: WeighedAlone, weighed: WeighedAlone) -> bool:
     """
     least = np.log(weighed.problem.settings.report.odds)
     noise = np.ones(len(weighed.problem.data))
+    with_it, without_it = ((one, little_of_each(one.problem, one.columns)) for one in (ringing, weighed))
     for _ in range(2):
-        rung, given = _log_evidences(ringing, noise)
-        plain, _ = _log_evidences(weighed, noise)
+        rung, given = _log_evidences(*with_it, noise)
+        plain, _ = _log_evidences(*without_it, noise)
         scatter = max(np.sqrt(max(plain[-1] - plain[0], 0.0)), least)
         if max(with_ring - without for with_ring, without in zip(rung, plain[1:], strict=False)) < scatter:
             return False
@@ -84,10 +85,11 @@ def _explains_more(ringing: WeighedAlone, weighed: WeighedAlone) -> bool:
     return True
 
 
-def _log_evidences(weighed: WeighedAlone, noise: Floats) -> tuple[list[float], Floats]:
+def _log_evidences(
+    weighed: WeighedAlone, little: Mapping[str, Floats], noise: Floats
+) -> tuple[list[float], Floats]:  # fmt: skip
     """Log evidence beside none, one, two and three of the best effects; background and these effects, of any size."""
     problem, columns = with_noise(weighed.problem, noise), columns_with_noise(weighed.problem, weighed.columns, noise)
-    little = little_of_each(weighed.problem, weighed.columns)
     marginal = Marginal(problem).beside(background_with_noise(little, noise))
     catalogue = Catalogue(columns, problem.data)
     found, names, given = [marginal.log_evidence], list[str](), [*little.values()]

@@ -27,6 +27,7 @@ from sawbench.modeling.residuals import (
     is_angle_known,
     plunger_swing,
     residuals,
+    summed,
 )
 from sawbench.modeling.state import TWO_PI, State, TrialSetting, angle_derivative
 
@@ -429,14 +430,12 @@ READINGS: Final[Mapping[str, Reading]] = MappingProxyType(
 
 
 def reads_too_much(baseline: Baseline, state: State, channel: str, by: Floats) -> Signature:
-    """Change of the residuals where a channel reads too much by a wave, in its SI unit and of the state's shape.
-
-    A wave of the motor's current has a voltage over the inductance too.
-    """
-    found: Signature = {name: by * wave for name, wave in READINGS[channel].signature(baseline, state).items()}
-    if channel == "motor_current_a" and state.kind == "running" and is_angle_known(state):
-        rate_a_s = state.speed_rad_s * angle_derivative(by)
-        found["electrical"] = found["electrical"] - baseline.plant.inductance_h.nominal * rate_a_s
+    """Change of the residuals where a channel reads too much by a wave, in its SI unit and of the state's shape."""
+    reading = READINGS[channel]
+    found: Signature = {name: by * wave for name, wave in reading.signature(baseline, state).items()}
+    if reading.of_rate is not None and state.kind == "running" and is_angle_known(state):
+        rate = state.speed_rad_s * angle_derivative(by)
+        found = summed([found, {name: rate * wave for name, wave in reading.of_rate(baseline, state).items()}])
     return found
 
 

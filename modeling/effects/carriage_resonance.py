@@ -29,7 +29,8 @@ _FREQUENCIES_HZ = tuple(float(f) for f in np.geomspace(60.0, HIGHEST_HZ, 40))
 _UPPER = (1.4, 1.8, 2.3, 3.0)
 
 
-def _prepared(baseline: Baseline, state: State) -> Callable[..., tuple[Signature, ...]]:
+def prepared(baseline: Baseline, state: State) -> Callable[..., tuple[Signature, ...]]:
+    """Signature of any form on one state, for a share of one of each mode."""
     expected = Spectrum(baseline.expected_force(state), state)
 
     def signature(frequency_hz: float, damping: float, upper: float = 0.0) -> tuple[Signature, ...]:
@@ -44,9 +45,10 @@ def _modes(frequency_hz: float, damping: float, upper: float) -> list[TransferFu
     return [partial(resonance, place, damping) for place in places]
 
 
-def _distorts(
+def distorts(
     _: State, coefficients: Floats, frequency_hz: float, damping: float, upper: float = 0.0
 ) -> Mapping[str, TransferFunction]:
+    """Transfer function through which the cutting force shows, for the share of each mode."""
     modes = _modes(frequency_hz, damping, upper)
 
     def of_force(f: Floats) -> NDArray[np.complexfloating]:
@@ -67,7 +69,7 @@ EFFECT = Effect(
     parts=("carriage",),
     silent_in=("air",),
     strength=Strength(name="frequency_hz", unit="Hz", typical=1.0, low=0.1, high=2.0, source="assumed"),
-    signature=Prepared(_prepared),
+    signature=Prepared(prepared),
     n_signatures=lambda shape: 2 if "upper" in shape else 1,
     shapes=(
         *({"frequency_hz": f, "damping": z} for f in _FREQUENCIES_HZ for z in (0.03, 0.08, 0.2)),
@@ -88,5 +90,5 @@ EFFECT = Effect(
     confused_with=("tooth_passing_ripple", "force_sensor_lag"),
     told_apart_by="trials at several speeds: the resonance keeps its frequency",
     is_at_one_place=True,
-    distorts=_distorts,
+    distorts=distorts,
 )

@@ -17,7 +17,6 @@ import numpy as np
 from sawbench.bench.recording import Floats
 from sawbench.modeling.effects import carriage_resonance
 from sawbench.modeling.effects.effect import Prepared, Strength, TransferFunction, Words
-from sawbench.modeling.effects.transfer import Spectrum, force_error, resonance
 from sawbench.modeling.residuals import Baseline, Signature
 from sawbench.modeling.state import State
 
@@ -26,21 +25,18 @@ _LEAST_SHARE = 0.05
 
 
 def _prepared(baseline: Baseline, state: State) -> Callable[..., tuple[Signature, ...]]:
-    force = baseline.expected_force(state)
-    expected = Spectrum(force, state)
+    of_all = carriage_resonance.prepared(baseline, state)
 
     def signature(frequency_hz: float, damping: float, share: float = 1.0) -> tuple[Signature, ...]:
-        rings = expected.through(lambda f: resonance(frequency_hz, damping, f)) - force
-        return (force_error(baseline, state, share * rings),)
+        return tuple({name: share * wave for name, wave in one.items()} for one in of_all(frequency_hz, damping))
 
     return signature
 
 
 def _distorts(
-    _: State, coefficients: Floats, frequency_hz: float, damping: float, share: float = 1.0
+    state: State, coefficients: Floats, frequency_hz: float, damping: float, share: float = 1.0
 ) -> Mapping[str, TransferFunction]:
-    size = float(coefficients[0]) * share
-    return {"cutting": lambda f: 1.0 + size * (resonance(frequency_hz, damping, f) - 1.0)}
+    return carriage_resonance.distorts(state, share * coefficients, frequency_hz, damping)
 
 
 EFFECT = replace(
