@@ -7,6 +7,7 @@ that is tried, each of any size; what they leave of the mean strokes says how li
 
 from __future__ import annotations
 
+import operator
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Final
@@ -28,11 +29,12 @@ from sawbench.modeling.stroke import mean_stroke
 _FEW, _FORMS = 5, 3
 # Harmonics of each trial that are anything: of its zero, of what the carriage's guide takes.
 _FREE: Final = 2
-# Frequencies that are a usual damping apart, dampings and shares from which a search begins, and how many go on.
-_APART, _DAMPINGS, _SHARES, _N_SEARCHED = 1.05, (0.02, 0.06), (1.0, 0.5), 3
+# Frequencies that are a usual damping apart, dampings, and parts of the largest share, from which a search begins, and
+# how many go on.
+_APART, _DAMPINGS, _PARTS, _N_SEARCHED = 1.05, (0.02, 0.06), (1.0, 0.5), 3
 # Error of a gain.
 _GAIN_STD: Final = 0.03
-# First steps of a search in the logarithms of frequency and damping and in the share, and those of a second difference.
+# First steps of a search in the logarithms of frequency and damping and in the part, and those of a second difference.
 _FIRST, _SECOND = np.vstack([np.zeros(3), np.diag([0.02, 0.3, -0.15])]), np.array([1e-3, 2e-2, 1e-2])
 # Where a search ends: as close in these, and in nats.
 _CLOSE = {"xatol": 3e-4, "fatol": 0.03}
@@ -60,20 +62,46 @@ def likeliest_ring(campaign: Campaign, resonance: Effect, highest_hz: float) -> 
     KnownEffect or None
         None where nothing is cut, where none shows, and where the best one is at an end: what rings is beyond.
     """
+    strokes = _strokes(campaign)
+    searched = [_found(strokes, resonance, limits) for limits in _limits(resonance, highest_hz)] if strokes else []
+    return max((one for one in searched if one), key=operator.itemgetter(0), default=(0.0, None))[1]
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class _Limits:
+    """Where a ring of some largest share of the force may be: logarithms of frequency and damping, and shares."""
+
+    log_hz: tuple[float, float]
+    log_damping: tuple[float, float]
+    share: tuple[float, float]
+
+
+def _limits(resonance: Effect, highest_hz: float) -> list[_Limits]:
+    """Of every largest share: a light mode may be where one of all of the force may not."""
+    damping = sorted(shape["damping"] for shape in resonance.shapes)
+    least, *largest = sorted({shape["share"] for shape in resonance.shapes if "share" in shape})
+    of_share = {
+        share: [shape["frequency_hz"] for shape in resonance.shapes if shape.get("share") == share]
+        for share in largest
+    }  # fmt: skip
+    return [
+        _Limits(
+            log_hz=(np.log(min(of_hz)), np.log(min(max(of_hz), highest_hz))),
+            log_damping=(np.log(damping[0]), np.log(damping[-1])), share=(least, share),
+        )
+        for share, of_hz in of_share.items() if min(of_hz) < highest_hz
+    ]  # fmt: skip
+
+
+def _found(strokes: list[_Stroke], resonance: Effect, limits: _Limits) -> tuple[float, KnownEffect] | None:
+    """What the likeliest ring within limits gains, in nats, and the ring."""
     from scipy.optimize import minimize
 
-    strokes = _strokes(campaign)
-    of_hz, of_damping, of_share = (
-        sorted({shape[key] for shape in resonance.shapes if key in shape})
-        for key in ("frequency_hz", "damping", "share")
-    )
-    if not strokes or highest_hz <= of_hz[0]:
-        return None
-    low, high = np.log([of_hz[0], min(of_hz[-1], highest_hz)])
+    (low, high), largest = limits.log_hz, limits.share[1]
     n_begun = 1 + int(np.ceil((high - low) / np.log(_APART)))
     begun = [
-        np.array([log_hz, np.log(damping), share])
-        for log_hz in np.linspace(low, high, n_begun) for damping in _DAMPINGS for share in _SHARES
+        np.array([log_hz, np.log(damping), largest * part])
+        for log_hz in np.linspace(low, high, n_begun) for damping in _DAMPINGS for part in _PARTS
     ]  # fmt: skip
 
     def cost(place: Floats) -> float:
@@ -83,17 +111,18 @@ def likeliest_ring(campaign: Campaign, resonance: Effect, highest_hz: float) -> 
     without = cost(begun[0] * _NO_SHARE)
     if costs.min() > without:
         return None
-    bounds = [(low - _BELOW, high), np.log([of_damping[0], of_damping[-1]]), (of_share[0], of_share[-1])]
-    simplexes = [begun[at] + _FIRST for at in np.argsort(costs)[:_N_SEARCHED]]
-    found = [
+    bounds = [(low - _BELOW, high), limits.log_damping, limits.share]
+    simplexes = [begun[at] + _FIRST * [1.0, 1.0, largest] for at in np.argsort(costs)[:_N_SEARCHED]]
+    searched = [
         minimize(cost, one[0], method="Nelder-Mead", bounds=bounds, options={"initial_simplex": one, **_CLOSE})
         for one in simplexes
     ]
-    best = min(found, key=lambda one: one.fun)
+    best = min(searched, key=lambda one: one.fun)
     gained, least = without - best.fun, np.log(len(begun)) + np.log(SETTINGS.report.odds)
     if gained < least or not low < best.x[0] < high - _SECOND[0]:
         return None
-    return replace(_ring(resonance, best.x), std=rounded(float(np.exp(best.x[0])) * _std(cost, best.x)))
+    std = float(np.exp(best.x[0])) * _std(cost, best.x)
+    return gained, replace(_ring(resonance, best.x), std=rounded(std))
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)

@@ -23,8 +23,9 @@ from sawbench.modeling.effects.transfer import Spectrum, force_reading, resonanc
 from sawbench.modeling.residuals import Baseline, Signature
 from sawbench.modeling.state import State
 
+LOWEST_HZ: Final = 60.0
 HIGHEST_HZ: Final = 410.0
-_FREQUENCIES_HZ = tuple(float(f) for f in np.geomspace(60.0, HIGHEST_HZ, 40))
+_FREQUENCIES_HZ = tuple(float(f) for f in np.geomspace(LOWEST_HZ, HIGHEST_HZ, 40))
 # Frequency of the upper mode over that of the first.
 _UPPER = (1.4, 1.8, 2.3, 3.0)
 

@@ -4,7 +4,8 @@
 
 The same transfer function as that of the carriage (`carriage_resonance`), above its frequencies. All of the force goes
 through the cell, so that a single mode has all of it (s = 1, but for the error of a gain); of a carriage with several
-modes, or with a guide that bears a part of the force, one has less. Cells of 200 N to 2 kN with a clamp of 0.05 to
+modes, or with a guide that bears a part of the force, one has less. A light mode, of up to an eighth of the force,
+every bench has somewhere, among the frequencies of the carriage too. Cells of 200 N to 2 kN with a clamp of 0.05 to
 0.5 kg ring at 300 Hz to some kHz with a damping ratio of 0.01 to 0.1: assumed.
 """
 
@@ -20,8 +21,16 @@ from sawbench.modeling.effects.effect import Prepared, Strength, TransferFunctio
 from sawbench.modeling.residuals import Baseline, Signature
 from sawbench.modeling.state import State
 
-_FREQUENCIES_HZ = tuple(float(f) for f in np.geomspace(carriage_resonance.HIGHEST_HZ, 1500.0, 28))
-_LEAST_SHARE = 0.05
+_LEAST_SHARE, _LIGHT_SHARE = 0.05, 0.125
+_OF_ALL_HZ = np.geomspace(carriage_resonance.HIGHEST_HZ, 1500.0, 28).tolist()
+_OF_CARRIAGE_HZ = np.geomspace(carriage_resonance.LOWEST_HZ, carriage_resonance.HIGHEST_HZ, 40).tolist()
+# Frequencies that go with a share; without one it is all of the force.
+_FREQUENCIES_HZ = (
+    ({}, _OF_ALL_HZ),
+    ({"share": 1.0}, _OF_ALL_HZ),
+    ({"share": _LIGHT_SHARE}, _OF_CARRIAGE_HZ + _OF_ALL_HZ),
+    ({"share": _LEAST_SHARE}, _OF_CARRIAGE_HZ + _OF_ALL_HZ),
+)
 
 
 def _prepared(baseline: Baseline, state: State) -> Callable[..., tuple[Signature, ...]]:
@@ -53,8 +62,8 @@ EFFECT = replace(
     n_signatures=lambda shape: 1,
     shapes=tuple(
         {"frequency_hz": f, "damping": z, **share}
-        for share in ({}, {"share": 1.0}, {"share": _LEAST_SHARE})
-        for f in _FREQUENCIES_HZ
+        for share, frequencies_hz in _FREQUENCIES_HZ
+        for f in frequencies_hz
         for z in (0.01, 0.02, 0.04, 0.08, 0.16)
     ),
     continuous=("frequency_hz", "damping", "share"),
