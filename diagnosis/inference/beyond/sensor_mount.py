@@ -34,7 +34,7 @@ def _prepared(baseline: Baseline, state: State) -> Callable[..., tuple[Signature
         rings_n = pushed.through(lambda f: resonance(frequency_hz, damping, f)) - pushed_n
         off_m = -np.mean(rings_n, axis=0) / (_MASS_KG * (2.0 * np.pi * frequency_hz) ** 2)
         off_rad = wave_seen(baseline.mechanism, angle_rad, off_m, int(harmonics))
-        return (swing(baseline, state, np.broadcast_to(off_rad, state.angle_rad.shape), of_sensor=True),)
+        return (swing(baseline, state, off_rad, of_sensor=True),)
 
     return signature
 
