@@ -260,7 +260,7 @@ _BARE: Final[Mapping[Equation, Callable[[Baseline, State], Floats]]] = MappingPr
 
 def is_angle_known(state: State) -> bool:
     """Whether the crank angle was measured; NaN where a trial has no displacement."""
-    return bool(np.isfinite(state.angle_rad[0, 0]))
+    return bool(np.isfinite(state.angle_rad.flat[0]))
 
 
 def inertia_torque(baseline: Baseline, state: State, **only: float) -> Floats:

@@ -42,12 +42,12 @@ _SPEED_RAD_S, _STIFFNESS_N_S_PER_M = 80.0, 300.0
 
 
 def _prepared(baseline: Baseline, state: State) -> Callable[..., tuple[Signature, ...]]:
-    swings = [swing(baseline, state, wave / (2.0 * baseline.radius_m)) for wave in _waves(state.angle_rad)]
+    of_waves = swings(baseline, state, _waves(state.angle_rad) / (2.0 * baseline.radius_m))
 
     def signature(waves: float) -> tuple[Signature, ...]:
         found: list[Signature] = []
         for weight in _weights(state, int(waves)):
-            found.extend({name: weight * rows for name, rows in one.items()} if weight else {} for one in swings)
+            found.extend({name: weight * rows for name, rows in one.items()} if weight else {} for one in of_waves)
         return tuple(found)
 
     return signature
@@ -115,6 +115,17 @@ def swing(baseline: Baseline, state: State, deviation_rad: Floats, *, of_sensor:
         expected_n = baseline.expected_force(read_smaller) - baseline.expected_force(read_larger)
         found["cutting"] = expected_n / (2.0 * _STEP)
     return found
+
+
+def swings(baseline: Baseline, state: State, waves_rad: Floats, *, of_sensor: bool = False) -> list[Signature]:
+    """`swing` for each of many waves, shape (n, n_units or 1, n_points).
+
+    At once, as rows of rows; with known effects, which take states of their own shape only, one by one.
+    """
+    if baseline.known:
+        return [swing(baseline, state, wave, of_sensor=of_sensor) for wave in waves_rad]
+    found = swing(baseline, state, waves_rad, of_sensor=of_sensor)
+    return [{name: rows[k] for name, rows in found.items()} for k in range(len(waves_rad))]
 
 
 def _axis_signature(
