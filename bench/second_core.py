@@ -7,7 +7,6 @@ the system cannot fork safely or has one core.
 from __future__ import annotations
 
 import copyreg
-import io
 import os
 import pickle
 import signal
@@ -16,9 +15,8 @@ import warnings
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from contextvars import ContextVar
-from multiprocessing.connection import Connection, Pipe
 from types import MappingProxyType
-from typing import Any, TypeVar
+from typing import IO, Any, NoReturn, TypeVar
 
 T = TypeVar("T")
 R = TypeVar("R")
@@ -65,24 +63,25 @@ def on_two_cores(work: Callable[[T], R], items: Sequence[T], *, known: Sequence[
     """
     if len(items) < 2 or not _is_allowed.get() or sys.platform != "linux" or len(os.sched_getaffinity(0)) < 2:
         return [work(item) for item in items]
-    reader, writer = Pipe(duplex=False)
     # One ticket for every item but the first of each side: this process goes up the list, the other one down, and where
     # the tickets end they have met.
     tickets = os.eventfd(len(items) - 2, os.EFD_SEMAPHORE | os.EFD_NONBLOCK)
-    with warnings.catch_warnings():  # from Python 3.12 on: of threads, which here wait or draw the progress
-        warnings.simplefilter("ignore", DeprecationWarning)
-        pid = os.fork()
-    if pid == 0:
-        _send(writer, work, items[::-1], tickets, known)
-    writer.close()
-    try:
-        ours = _share(work, items, tickets)
-        theirs = _received(reader, known)
-    finally:
-        os.kill(pid, signal.SIGKILL)  # it has sent all or nothing, or nobody waits for it any more
-        os.waitpid(pid, 0)
-        reader.close()
-        os.close(tickets)
+    with os.fdopen(os.memfd_create("found"), "w+b") as there:
+        with warnings.catch_warnings():  # from Python 3.12 on: of threads, which here wait or draw the progress
+            warnings.simplefilter("ignore", DeprecationWarning)
+            pid = os.fork()
+        if pid == 0:
+            _write_and_end(there, work, items[::-1], tickets, known)
+        try:
+            ours = _share(work, items, tickets)
+            is_whole = os.waitpid(pid, 0)[1] == 0
+        except BaseException:
+            os.kill(pid, signal.SIGKILL)  # nobody waits for it any more
+            os.waitpid(pid, 0)
+            raise
+        finally:
+            os.close(tickets)
+        theirs = _read(there, known) if is_whole else None
     return [*ours, *([work(item) for item in items[len(ours) :]] if theirs is None else reversed(theirs))]
 
 
@@ -101,30 +100,31 @@ def _took_one_of(tickets: int) -> bool:
         return False
 
 
-def _send(
-    writer: Connection, work: Callable[[T], R], items: Sequence[T], tickets: int, known: Sequence[Any]
-) -> None:  # fmt: skip
-    """In the forked process: work, send, and end without what Python does at an end."""
+def _write_and_end(
+    file: IO[bytes], work: Callable[[T], R], items: Sequence[T], tickets: int, known: Sequence[Any]
+) -> NoReturn:  # fmt: skip
+    """In the forked process: work, write what is found, and end without what Python does at an end.
+
+    The exit status is 0 where all of it is written.
+    """
     try:
         found = _share(work, items, tickets)
         try:
-            writer.send_bytes(_pickled(found, known))
+            _Pickler(file, known).dump(found)
         except (pickle.PicklingError, AttributeError, TypeError) as error:
-            writer.send_bytes(_pickled(f"{type(error).__name__}: {error}", ()))
-    finally:
+            file.seek(0)
+            file.truncate()
+            _Pickler(file, ()).dump(f"{type(error).__name__}: {error}")
+        file.flush()
         os._exit(0)
-
-
-def _pickled(found: Any, known: Sequence[Any]) -> memoryview:
-    written = io.BytesIO()
-    _Pickler(written, known).dump(found)
-    return written.getbuffer()
+    finally:
+        os._exit(1)
 
 
 class _Pickler(pickle.Pickler):
     """Writes objects that the other side has as their place in the list of them."""
 
-    def __init__(self, file: io.BytesIO, known: Sequence[Any]) -> None:
+    def __init__(self, file: IO[bytes], known: Sequence[Any]) -> None:
         super().__init__(file, protocol=pickle.HIGHEST_PROTOCOL)
         self.dispatch_table = copyreg.dispatch_table | {MappingProxyType: _reduced}
         self._places = {id(one): place for place, one in enumerate(known)}
@@ -134,7 +134,7 @@ class _Pickler(pickle.Pickler):
 
 
 class _Unpickler(pickle.Unpickler):
-    def __init__(self, file: io.BytesIO, known: Sequence[Any]) -> None:
+    def __init__(self, file: IO[bytes], known: Sequence[Any]) -> None:
         super().__init__(file)
         self._known = known
 
@@ -151,11 +151,9 @@ def _read_only(values: dict[Any, Any]) -> Mapping[Any, Any]:
     return MappingProxyType(values)
 
 
-def _received(reader: Connection, known: Sequence[Any]) -> list[Any] | None:
-    try:
-        found = _Unpickler(io.BytesIO(reader.recv_bytes()), known).load()
-    except EOFError:
-        return None
+def _read(file: IO[bytes], known: Sequence[Any]) -> list[Any] | None:
+    file.seek(0)
+    found = _Unpickler(file, known).load()
     if isinstance(found, str):
         warnings.warn(f"done twice, because it could not be sent: {found}", RuntimeWarning, stacklevel=3)
         return None

@@ -17,8 +17,9 @@ known effects change is taken off: their machine has the residuals r - sum of va
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, field
+from types import MappingProxyType
 from typing import TYPE_CHECKING, Final, Literal
 
 import numpy as np
@@ -177,70 +178,89 @@ def without(found: Signature, taken: Signature) -> Signature:
     return {name: wave - taken[name] if name in taken else wave for name, wave in found.items()}
 
 
-def residuals(baseline: Baseline, state: State) -> Signature:
-    """Evaluate every equation that the measured channels allow, less what known effects make of it.
+def residuals(baseline: Baseline, state: State, asked: Collection[Equation] = EQUATIONS) -> Signature:
+    """Evaluate every equation asked for that the measured channels allow, less what known effects make of it.
 
     Parameters
     ----------
     baseline : Baseline
     state : State
         Arrays of shape (n_units, n_points).
+    asked : collection of str
+        Equations; default: all.
 
     Returns
     -------
     dict of str to ndarray, shape (n_units, n_points)
         In the units of `UNITS`; an equation is absent where one of its channels or the angle it needs is.
     """
-    found = bare_residuals(baseline, state)
+    found = bare_residuals(baseline, state, asked)
     return without(found, baseline.known_signature(state)) if baseline.known else found
 
 
-def bare_residuals(baseline: Baseline, state: State) -> Signature:
+def bare_residuals(baseline: Baseline, state: State, asked: Collection[Equation] = EQUATIONS) -> Signature:
     """Evaluate `residuals` of the machine without any effect."""
+    kept = baseline.evaluable_equations(state)
+    return {name: evaluate(baseline, state) for name, evaluate in _BARE.items() if name in kept and name in asked}
+
+
+def _electrical(baseline: Baseline, state: State) -> Floats:
     from sawbench.modeling.parts import dc_motor
 
-    plant, gear = baseline.plant, baseline.gear
-    motor_speed = gear * state.speed_rad_s
-    found: Signature = {}
-    if state.current_a is not None and state.current_rate_a_s is not None:
-        found["electrical"] = (
-            dc_motor.inductive_voltage.py_func(
-                plant.resistance_ohm.nominal,
-                plant.back_emf_constant_v_s_per_rad.nominal,
-                state.motor_voltage_v,
-                state.current_a,
-                motor_speed,
-            )
-            - plant.inductance_h.nominal * state.current_rate_a_s
-        )
-        force = np.zeros_like(state.current_a) if state.force_n is None else state.force_n
-        if is_angle_known(state) and (state.force_n is not None or state.setting.is_idle):
-            found["mechanical"] = (
-                dc_motor.shaft_torque.py_func(
-                    plant.torque_constant_n_m_per_a.nominal,
-                    plant.motor_damping_n_m_s_per_rad.nominal,
-                    state.current_a,
-                    motor_speed,
-                )
-                - inertia_torque(baseline, state)
-                - baseline.load_torque(state, force)
-            )
-    if state.force_n is not None and is_angle_known(state):
-        found["cutting"] = state.force_n
-    if state.battery_voltage_v is not None and state.battery_current_a is not None and baseline.battery:
-        found["supply"] = (
-            state.battery_voltage_v
-            - baseline.open_circuit_voltage(state.charge_used_as)
-            + baseline.battery.internal_resistance_ohm * state.battery_current_a
-        )
-    if state.battery_current_a is not None and state.current_a is not None:
-        found["converter"] = state.battery_current_a - state.setting.duty * state.current_a
-    return found
+    plant = baseline.plant
+    assert state.current_a is not None and state.current_rate_a_s is not None
+    without_rate = dc_motor.inductive_voltage.py_func(
+        plant.resistance_ohm.nominal,
+        plant.back_emf_constant_v_s_per_rad.nominal,
+        state.motor_voltage_v,
+        state.current_a,
+        baseline.gear * state.speed_rad_s,
+    )
+    return without_rate - plant.inductance_h.nominal * state.current_rate_a_s
+
+
+def _mechanical(baseline: Baseline, state: State) -> Floats:
+    from sawbench.modeling.parts import dc_motor
+
+    plant = baseline.plant
+    assert state.current_a is not None
+    shaft = dc_motor.shaft_torque.py_func(
+        plant.torque_constant_n_m_per_a.nominal,
+        plant.motor_damping_n_m_s_per_rad.nominal,
+        state.current_a,
+        baseline.gear * state.speed_rad_s,
+    )
+    force = np.zeros_like(state.speed_rad_s) if state.force_n is None else state.force_n
+    return shaft - inertia_torque(baseline, state) - baseline.load_torque(state, force)
+
+
+def _cutting(_: Baseline, state: State) -> Floats:
+    assert state.force_n is not None
+    return state.force_n
+
+
+def _supply(baseline: Baseline, state: State) -> Floats:
+    assert baseline.battery is not None and state.battery_voltage_v is not None and state.battery_current_a is not None
+    drop_v = baseline.battery.internal_resistance_ohm * state.battery_current_a
+    return state.battery_voltage_v - baseline.open_circuit_voltage(state.charge_used_as) + drop_v
+
+
+def _converter(_: Baseline, state: State) -> Floats:
+    assert state.battery_current_a is not None and state.current_a is not None
+    return state.battery_current_a - state.setting.duty * state.current_a
+
+
+_BARE: Final[Mapping[Equation, Callable[[Baseline, State], Floats]]] = MappingProxyType(
+    {
+        "electrical": _electrical, "mechanical": _mechanical, "cutting": _cutting, "supply": _supply,
+        "converter": _converter,
+    }
+)  # fmt: skip
 
 
 def is_angle_known(state: State) -> bool:
     """Whether the crank angle was measured; NaN where a trial has no displacement."""
-    return bool(np.isfinite(state.angle_rad[0, 0]))
+    return bool(np.isfinite(state.angle_rad.flat[0]))
 
 
 def inertia_torque(baseline: Baseline, state: State, **only: float) -> Floats:

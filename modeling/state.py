@@ -6,7 +6,7 @@ consecutive strokes averaged over the crank angle, or (1, n_times) for the start
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from types import MappingProxyType
@@ -235,12 +235,16 @@ def angle_derivative(waves: Floats) -> Floats:
     return np.fft.irfft(spectrum, n_points, axis=-1)
 
 
-def turned(state: State, wave_rad: Floats) -> State:
-    """State as it is if its angle is larger by a periodic wave, rad, of the angle's shape."""
+def turned(state: State, wave_rad: Floats, shares: Sequence[float]) -> list[State]:
+    """States as it is if its angle is larger by shares of a periodic wave, rad, of the angle's shape or one row."""
     faster = state.speed_rad_s * angle_derivative(wave_rad)
-    return replace(
-        state,
-        angle_rad=state.angle_rad + wave_rad,
-        speed_rad_s=state.speed_rad_s + faster,
-        acceleration_rad_s2=state.acceleration_rad_s2 + state.speed_rad_s * angle_derivative(faster),
-    )
+    gaining = state.speed_rad_s * angle_derivative(faster)
+    return [
+        replace(
+            state,
+            angle_rad=state.angle_rad + share * wave_rad,
+            speed_rad_s=state.speed_rad_s + share * faster,
+            acceleration_rad_s2=state.acceleration_rad_s2 + share * gaining,
+        )
+        for share in shares
+    ]

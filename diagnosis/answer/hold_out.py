@@ -86,7 +86,7 @@ class HoldOut:
         self.groups = tuple(self.rows)
         group_of_trial = {part.setting.label: self.groups.index(self.group_of(part)) for part in problem.parts}
         self._trials, self._number_of_group = list(group_of_trial), np.array(list(group_of_trial.values()))
-        self._kept = {group: self._kept_without(rows) for group, rows in self.rows.items()}
+        self._kept = self._kept_without_each()
         self._own, self._open = {}, {}
         for group in self.groups:
             root = _root_of_inverse(self._kept[group])
@@ -99,10 +99,19 @@ class HoldOut:
         ]
         self._noise = self._noise_of(self.base if best is None else np.hstack([self.base, best]))
 
-    def _kept_without(self, rows: np.ndarray) -> Floats:
-        """Normal matrix of the nuisances by the trials that are kept, their priors included, shape (p, p)."""
-        kept = self.base if self.held_out == "nothing" else self.base[~rows]
-        return np.eye(kept.shape[1]) + kept.T @ kept
+    def _kept_without_each(self) -> dict[str, Floats]:
+        """Normal matrix of the nuisances by the trials that are kept beside each group, priors included, (p, p) each.
+
+        Summed over the others, each once: what all say less what the group says would lose digits.
+        """
+        ungrouped = self.base[~np.any(list(self.rows.values()), axis=0)]
+        always = np.eye(self.base.shape[1]) + ungrouped.T @ ungrouped
+        of_each = {group: self.base[rows].T @ self.base[rows] for group, rows in self.rows.items()}
+        is_withheld = self.held_out != "nothing"
+        return {
+            group: sum((own for name, own in of_each.items() if name != group or not is_withheld), start=always)
+            for group in of_each
+        }
 
     def _noise_of(self, design: Floats) -> Floats:
         """Whitened noise: the scatter of time blocks, that of strokes, or what a fit to the group itself leaves."""

@@ -82,7 +82,7 @@ def _current_tracked(baseline: Baseline, state: State, *, n_harmonics: int) -> S
         return {}
     off_m = 2.0 * baseline.radius_m * np.mean(share, axis=0)
     off_rad = wave_seen(baseline.mechanism, state.angle_rad[0], off_m, n_harmonics)
-    return swing(baseline, state, np.broadcast_to(off_rad, state.angle_rad.shape), of_sensor=True)
+    return swing(baseline, state, off_rad, of_sensor=True)
 
 
 def _usual(baseline: Baseline, state: State, channel: str) -> float:

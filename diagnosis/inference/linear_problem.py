@@ -77,21 +77,23 @@ class Part:
         """`whiten` of many signatures at once, shape (len(signatures), n_blocks * size)."""
         shape = self.smooth.angle_rad.shape
         found = np.zeros((len(signatures), shape[0], self.layout.size))
-        for equation, of_points in self._of_points.items():
+        for equation, place in self.layout.slices.items():
             there = [k for k, signature in enumerate(signatures) if equation in signature]
             waves = np.empty((len(there), *shape))
             for wave, k in zip(waves, there, strict=True):
                 wave[:] = signatures[k][equation]
-            rows = (self.times * waves).reshape(-1, shape[1]) @ of_points
-            found[there] += rows.reshape(len(there), *found.shape[1:])
+            features = (self.times * waves).reshape(-1, shape[1]) @ self._of_points[equation]
+            # The whitener is a lower triangle: what stands before the equation in a feature vector stays as it is.
+            rows = features @ self.whitener[place.start :, place].T
+            found[there, :, place.start :] += rows.reshape(len(there), shape[0], rows.shape[1])
         return found.reshape(len(signatures), -1)
 
     @cached_property
     def _of_points(self) -> dict[Equation, Floats]:
-        """Whitened features of a one at each point of the grid, shape (n_points, size): all is linear in these."""
+        """Features of a one at each point of the grid, by equation, shape (n_points, n): all is linear in these."""
         ones = np.eye(self.smooth.angle_rad.shape[1])
-        placed = {name: self.layout.place({name: ones}, np.ones_like(ones)) for name in self.layout.equations}
-        return {name: rows @ self.whitener.T for name, rows in placed.items()}
+        slices = self.layout.slices
+        return {name: self.layout.place({name: ones}, np.ones_like(ones))[:, slices[name]] for name in slices}
 
     def unwhiten(self, stacked: Floats) -> Floats:
         """Features of this part, in the units of their equations, shape (n_blocks, size), from the stacked vector."""

@@ -216,7 +216,7 @@ def _bench_of(weighed: WeighedAlone, little: dict[str, Floats], beyond: dict[str
         problem = with_noise(problem, dispersion)
     small = background_with_noise(little, dispersion)
     nominal = Marginal(problem, extra=small)
-    half = nominal.half(catalogue.stacked)
+    half = np.hstack(on_two_cores(nominal.half, np.array_split(catalogue.stacked, 2, axis=1)))
     rough = sorted(catalogue.explain(nominal, half).values(), key=lambda e: -e.log_evidence)
     likeliest = [nominal.beside(e.column.of_any_size) for e in rough[: problem.settings.forms.n_first]]
     wide = Marginal(problem, scale=problem.wide_scale, extra=small)

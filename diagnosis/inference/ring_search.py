@@ -135,15 +135,15 @@ class _Stroke:
     force_n : ndarray, shape (n_points,)
     law : Spectrum
         Of the linear law.
-    shaped : list of Spectrum
-        Of what each form of the effects of the cut adds to it.
+    shaped : Spectrum
+        Of what each form of the effects of the cut adds to it, a row each.
     free : ndarray, shape (n_points, 1 + 2 _FREE)
     """
 
     state: State
     force_n: Floats
     law: Spectrum
-    shaped: list[Spectrum]
+    shaped: Spectrum
     free: Floats
 
 
@@ -156,16 +156,17 @@ def _strokes(campaign: Campaign) -> list[_Stroke]:
 
 
 def _stroke(baseline: Baseline, state: State, effects: list[Effect]) -> _Stroke:
-    shaped = []
+    shaped: list[Floats] = []
     for effect in effects:
         some = effect.shapes[:: max(len(effect.shapes) // _FORMS, 1)]
         forms = [*(shape for shape, _ in effect.background or ()), *some]
         for signatures in effect.signatures_of(baseline, state, forms):
-            shaped += [Spectrum(one.get("cutting", 0.0 * state.angle_rad), state) for one in signatures]
+            shaped += [one.get("cutting", 0.0 * state.angle_rad) for one in signatures]
     turned = np.outer(state.angle_rad[0], np.arange(1, _FREE + 1))
     assert state.force_n is not None
     return _Stroke(
-        state=state, force_n=state.force_n[0], law=Spectrum(baseline.expected_force(state), state), shaped=shaped,
+        state=state, force_n=state.force_n[0], law=Spectrum(baseline.expected_force(state), state),
+        shaped=Spectrum(np.concatenate(shaped) if shaped else np.zeros((0, state.angle_rad.shape[1])), state),
         free=np.hstack([np.ones((len(turned), 1)), np.cos(turned), np.sin(turned)]),
     )  # fmt: skip
 
@@ -182,7 +183,7 @@ def _lacking(strokes: list[_Stroke], resonance: Effect, place: Floats) -> float:
         own = np.zeros((len(stroke.force_n), len(strokes) * (1 + n_free)))
         here = slice(at * (1 + n_free), (at + 1) * (1 + n_free))
         own[:, here] = np.column_stack([stroke.law.through(transfer)[0], stroke.free])
-        columns.append(np.hstack([own, np.column_stack([one.through(transfer)[0] for one in stroke.shaped])]))
+        columns.append(np.hstack([own, stroke.shaped.through(transfer).T]))
         data.append(stroke.force_n)
     whole, force_n = np.vstack(columns), np.concatenate(data)
     scale = np.sqrt(np.sum(whole**2, axis=0))

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
 from typing import Any, Literal, TypeVar
@@ -39,6 +39,17 @@ class Prepared:
     def __call__(self, baseline: Any, state: State, **shape: float) -> tuple[Signature, ...]:
         """Evaluate one shape."""
         return self.on(baseline, state)(**shape)
+
+
+@dataclass(frozen=True, slots=True)
+class Together:
+    """A signature function that takes many forms at once: a state and the shapes -> their signatures."""
+
+    of: Callable[[Any, State, Sequence[dict[str, float]]], list[tuple[Signature, ...]]]
+
+    def __call__(self, baseline: Any, state: State, **shape: float) -> tuple[Signature, ...]:
+        """Evaluate one shape."""
+        return self.of(baseline, state, [shape])[0]
 
 
 # Every effect of the catalogue may be there a little without being "the" cause: one standard deviation of that, as a
@@ -259,10 +270,6 @@ class Effect:
         if self._is_silent(state):
             return [tuple({} for _ in range(self.n_signatures(shape))) for shape in shapes]
         kept, grid = baseline.evaluable_equations(state), state.angle_rad.shape
-        signature = self.signature
-        found_for = (
-            signature.on(baseline, state) if isinstance(signature, Prepared) else partial(signature, baseline, state)
-        )
         return [
             tuple(
                 {
@@ -270,10 +277,21 @@ class Effect:
                     for name, wave in part.items()
                     if name in kept
                 }
-                for part in found_for(**shape)
+                for part in parts
             )
-            for shape in shapes
+            for parts in self._of_shapes(baseline, state, shapes)
         ]
+
+    def _of_shapes(
+        self, baseline: Any, state: State, shapes: Sequence[dict[str, float]]
+    ) -> Iterable[tuple[Signature, ...]]:
+        signature = self.signature
+        if isinstance(signature, Together):
+            return signature.of(baseline, state, shapes)
+        found_for = (
+            signature.on(baseline, state) if isinstance(signature, Prepared) else partial(signature, baseline, state)
+        )
+        return (found_for(**shape) for shape in shapes)
 
     def _is_silent(self, state: State) -> bool:
         return ("air" in self.silent_in and state.setting.is_idle) or state.kind in self.silent_in

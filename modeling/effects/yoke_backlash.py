@@ -13,16 +13,17 @@ and under load, and the force misses it. Clearance: assumed.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Final
 
 import numpy as np
 from sawbench.bench.plain_digits import plain
 from sawbench.bench.recording import Floats
-from sawbench.modeling.effects.effect import BACKGROUND_SHARE, Effect, Strength, Words
+from sawbench.modeling.effects.effect import BACKGROUND_SHARE, Effect, Prepared, Strength, Words
 from sawbench.modeling.effects.friction import direction, through_play
 from sawbench.modeling.parts.mechanism import Mechanism
-from sawbench.modeling.residuals import Baseline, Signature, residuals
+from sawbench.modeling.residuals import Baseline, Equation, Signature, residuals
 from sawbench.modeling.state import State, turned
 
 if TYPE_CHECKING:
@@ -32,18 +33,24 @@ if TYPE_CHECKING:
 # part of its gap is left, with more those beyond, which nothing measures, stand for what others miss.
 _N_HARMONICS = 12
 _STEP = 1e-4
+# Equations that go with the angle that is read.
+_SWINGING: Final[tuple[Equation, ...]] = ("electrical", "mechanical")
 _SHOWN, _LARGER = 1e-6, 4.0
 # A gap over twice the crank's radius is an angle: a yoke of half a metre turns it back into a gap.
 _UNIT_YOKE = Mechanism(radius_m=0.5)
 _SPEED_RAD_S, _STIFFNESS_N_S_PER_M = 80.0, 300.0
 
 
-def _signature(baseline: Baseline, state: State, waves: float) -> tuple[Signature, ...]:
-    swings = [swing(baseline, state, wave / (2.0 * baseline.radius_m)) for wave in _waves(state.angle_rad)]
-    found: list[Signature] = []
-    for weight in _weights(state, int(waves)):
-        found.extend({name: weight * rows for name, rows in one.items()} if weight else {} for one in swings)
-    return tuple(found)
+def _prepared(baseline: Baseline, state: State) -> Callable[..., tuple[Signature, ...]]:
+    of_waves = swings(baseline, state, _waves(state.angle_rad) / (2.0 * baseline.radius_m))
+
+    def signature(waves: float) -> tuple[Signature, ...]:
+        found: list[Signature] = []
+        for weight in _weights(state, int(waves)):
+            found.extend({name: weight * rows for name, rows in one.items()} if weight else {} for one in of_waves)
+        return tuple(found)
+
+    return signature
 
 
 def _waves(angle_rad: Floats) -> Floats:
@@ -97,18 +104,28 @@ def apparent_gap(coefficients: Floats) -> float:
 def swing(baseline: Baseline, state: State, deviation_rad: Floats, *, of_sensor: bool = False) -> Signature:
     """Change of the residuals for an angle that is read too large by a periodic wave, rad, per unit of the wave.
 
-    The plunger is where the sensor sees it, and the cut goes with its velocity: no gap of the cutting law. Where it is
-    the sensor that swings (`of_sensor`), the cut goes with another velocity than the one read.
+    The wave has the angle's shape, or is one row for all units. The plunger is where the sensor sees it, and the cut
+    goes with its velocity: no gap of the cutting law. Where it is the sensor that swings (`of_sensor`), the cut goes
+    with another velocity than the one read.
     """
-    read_larger, read_smaller = turned(state, _STEP * deviation_rad), turned(state, -_STEP * deviation_rad)
-    up, down = residuals(baseline, read_larger), residuals(baseline, read_smaller)
-    found: Signature = {
-        name: (up[name] - down[name]) / (2.0 * _STEP) for name in ("electrical", "mechanical") if name in up
-    }
+    read_larger, read_smaller = turned(state, deviation_rad, (_STEP, -_STEP))
+    up, down = (residuals(baseline, read, _SWINGING) for read in (read_larger, read_smaller))
+    found: Signature = {name: (up[name] - down[name]) / (2.0 * _STEP) for name in up}
     if of_sensor and not state.setting.is_idle:
         expected_n = baseline.expected_force(read_smaller) - baseline.expected_force(read_larger)
         found["cutting"] = expected_n / (2.0 * _STEP)
     return found
+
+
+def swings(baseline: Baseline, state: State, waves_rad: Floats, *, of_sensor: bool = False) -> list[Signature]:
+    """`swing` for each of many waves, shape (n, n_units or 1, n_points).
+
+    At once, as rows of rows; with known effects, which take states of their own shape only, one by one.
+    """
+    if baseline.known:
+        return [swing(baseline, state, wave, of_sensor=of_sensor) for wave in waves_rad]
+    found = swing(baseline, state, waves_rad, of_sensor=of_sensor)
+    return [{name: rows[k] for name, rows in found.items()} for k in range(len(waves_rad))]
 
 
 def _axis_signature(
@@ -180,7 +197,7 @@ EFFECT = Effect(
     parts=("joint",),
     silent_in=("start_up",),
     strength=Strength(name="gap_m", unit="m", typical=2.5e-4, low=0.3, high=3.0, source="assumed"),
-    signature=_signature,
+    signature=Prepared(_prepared),
     n_signatures=lambda shape: 2 * _N_HARMONICS * int(shape["waves"]),
     shapes=({"waves": 2.0}, {"waves": 5.0}),
     is_pointwise=False,

@@ -11,7 +11,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from sawbench.modeling.effects.catalogue import EFFECT_BY_NAME
-from sawbench.modeling.effects.yoke_backlash import swing
+from sawbench.modeling.effects.known import KnownEffect
+from sawbench.modeling.effects.yoke_backlash import swing, swings
 from sawbench.modeling.parts.linear import coefficient
 
 from tests.rigs.jigsaw_in_time import (
@@ -36,6 +37,7 @@ from tests.rigs.jigsaw_in_time import (
 )
 
 pytestmark = pytest.mark.contract
+LATE_FORCE = KnownEffect(effect=EFFECT_BY_NAME["force_sensor_lag"], value=1e-3, form={"damping": 0.5})
 
 
 def check(machine: Machine, name: str, amplitude: float, shape: dict | None = None, tolerance: float = 0.03) -> None:
@@ -81,6 +83,17 @@ def test_a_swing_of_the_read_angle(order, cuts):
     # The blade of this machine goes with the crank: only what a swing of the reading does is compared, not the cut.
     seen = {name: 0.5 * (larger[name] - smaller[name]) for name in ("electrical", "mechanical")}
     compare(seen, swing(BASELINE, true, wave), 0.02)
+
+
+@pytest.mark.parametrize("known", [(), (LATE_FORCE,)], ids=["no known effect", "a known effect"])
+def test_many_swings_at_once_are_each_as_it_is_alone(known):
+    true, model = Machine().run(), replace(BASELINE, known=known)
+    waves = np.array([1e-3 * np.cos(order * true.angle_rad[:1]) for order in (1, 3, 7)])
+    for wave, found in zip(waves, swings(model, true, waves, of_sensor=True), strict=True):
+        alone = swing(model, true, wave, of_sensor=True)
+        assert found.keys() == alone.keys() == {"electrical", "mechanical", "cutting"}
+        for equation, rows in alone.items():
+            np.testing.assert_allclose(found[equation], rows, rtol=1e-9, atol=1e-9 * np.abs(rows).max())
 
 
 def test_backlash_is_made_of_swings():

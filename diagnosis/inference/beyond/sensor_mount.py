@@ -8,14 +8,15 @@ displacement, so that the crank seems to turn unevenly. A mode of a mass as that
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Sequence
 from typing import Final
 
 import numpy as np
+from sawbench.bench.recording import Floats
 from sawbench.diagnosis.inference.plunger_drive import SHOWN_HARMONICS, pushing_force
-from sawbench.modeling.effects.effect import Effect, Prepared, Strength
+from sawbench.modeling.effects.effect import Effect, Strength, Together
 from sawbench.modeling.effects.transfer import Spectrum, resonance
-from sawbench.modeling.effects.yoke_backlash import swing
+from sawbench.modeling.effects.yoke_backlash import swings
 from sawbench.modeling.residuals import Baseline, Signature
 from sawbench.modeling.state import State
 from sawbench.processing.stroke_ripple import wave_seen
@@ -24,19 +25,21 @@ from sawbench.processing.stroke_ripple import wave_seen
 _MASS_KG: Final = 2.5
 
 
-def _prepared(baseline: Baseline, state: State) -> Callable[..., tuple[Signature, ...]]:
+def _signatures(
+    baseline: Baseline, state: State, shapes: Sequence[dict[str, float]]
+) -> list[tuple[Signature, ...]]:  # fmt: skip
     pushed_n = pushing_force(baseline, state)
     if pushed_n is None:
-        return lambda **shape: ({},)
+        return [({},) for _ in shapes]
     pushed, angle_rad = Spectrum(pushed_n, state), state.angle_rad[0]
 
-    def signature(frequency_hz: float, damping: float, harmonics: float) -> tuple[Signature, ...]:
+    def off_rad(frequency_hz: float, damping: float, harmonics: float) -> Floats:
         rings_n = pushed.through(lambda f: resonance(frequency_hz, damping, f)) - pushed_n
         off_m = -np.mean(rings_n, axis=0) / (_MASS_KG * (2.0 * np.pi * frequency_hz) ** 2)
-        off_rad = wave_seen(baseline.mechanism, angle_rad, off_m, int(harmonics))
-        return (swing(baseline, state, np.broadcast_to(off_rad, state.angle_rad.shape), of_sensor=True),)
+        return wave_seen(baseline.mechanism, angle_rad, off_m, int(harmonics))
 
-    return signature
+    waves_rad = np.array([off_rad(**shape) for shape in shapes])[:, None]
+    return [(found,) for found in swings(baseline, state, waves_rad, of_sensor=True)]
 
 
 SENSOR_MOUNT = Effect(
@@ -44,7 +47,7 @@ SENSOR_MOUNT = Effect(
     place="sensing",
     equation="x - c (resonance of m x'' + F, less that itself)",
     strength=Strength(name="share", unit="1", typical=1.0, low=0.1, high=10.0, source="assumed"),
-    signature=Prepared(_prepared),
+    signature=Together(_signatures),
     shapes=tuple(
         {"frequency_hz": float(f), "damping": z, "harmonics": float(n)}
         for f in np.geomspace(100.0, 1000.0, 60)
