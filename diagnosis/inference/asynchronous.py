@@ -201,6 +201,9 @@ def _is_no_pickup(
 ) -> bool:  # fmt: skip
     """A fixed frequency is hum of a sensor unless two currents or voltages show it; what follows the stroke is not.
 
+    What shakes the bench is in the force, and as far as it changes the cut in the currents too: where these show no
+    more of it than a converter's switching may leave, it is no gap.
+
     At the mains' frequency it is hum in however many channels, for no battery has that, unless both currents show it as
     the converter relates them: a charger that stays connected. Where all trials run at nearly one speed, a fixed
     frequency stands at nearly one order of the stroke as well. Beyond the harmonics that are compared it is no gap in
@@ -214,8 +217,9 @@ def _is_no_pickup(
         return lock == "time" and name in ELECTRICAL and _is_a_current(group, middle)
     if lock == "stroke":
         return True
-    channels = {n for t in group for _, n in t.peaks}
-    seen = [n for n in channels if len(_at(group, lock, n, middle)) >= _enough(group, lock, middle)]
+    lines = {n: _at(group, lock, n, middle) for n in {n for t in group for _, n in t.peaks}}
+    enough = _enough(group, lock, middle)
+    seen = [n for n, one in lines.items() if len(one) >= enough and not is_switching(trials, n, one)]
     return name in seen and sum(n in ELECTRICAL for n in seen) > 1
 
 

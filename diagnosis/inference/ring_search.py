@@ -119,7 +119,9 @@ def _found(strokes: list[_Stroke], resonance: Effect, limits: _Limits) -> tuple[
     ]
     best = min(searched, key=lambda one: one.fun)
     gained, least = without - best.fun, np.log(len(begun)) + np.log(SETTINGS.report.odds)
-    if gained < least or not low < best.x[0] < high - _SECOND[0]:
+    is_light = largest < 1.0
+    is_beyond = not low < best.x[0] < high - _SECOND[0] or (is_light and best.x[2] > (1.0 - _SECOND[2]) * largest)
+    if gained < least or is_beyond:
         return None
     std = float(np.exp(best.x[0])) * _std(cost, best.x)
     return gained, replace(_ring(resonance, best.x), std=rounded(std))

@@ -94,6 +94,17 @@ def _late(speed, travelled, force):
     return K_CUT * speed * np.clip((travelled / (2.0 * RADIUS) - 0.3) / 0.03 + 0.5, 0.0, 1.0)
 
 
+def test_a_light_mode_among_the_frequencies_of_the_carriage_is_found_and_no_gap():
+    """It has a twelfth of the force, and rings where the blade begins to cut late."""
+    ring_hz, share = 290.0, 0.08
+    light = with_cell_resonance(campaign_of(strokes(cut=_late, ring=(ring_hz, DAMPING), ring_share=share)))
+    (ring,) = light.problem.campaign.plant.known
+    assert ring.value == pytest.approx(ring_hz, rel=0.02)
+    assert ring.form["share"] == pytest.approx(share, abs=0.02)
+    best = judge_weighed(light).best
+    assert best.effects == ("engagement_delay",)
+
+
 @pytest.mark.parametrize(
     "machine",
     [
@@ -103,8 +114,9 @@ def _late(speed, travelled, force):
         {"cut": lambda speed, travelled, force: (K_CUT * speed + 12.0) * (speed > 0.0)},
         {"ring": (330.0, 0.04)},
         {"ring": (400.0, 0.06)},
+        {"ring": (240.0, 0.05), "ring_share": 0.4},
     ],
-    ids=["intact", "late teeth", "law", "edge force", "fast carriage", "just below the range"],
+    ids=["intact", "late teeth", "law", "edge force", "fast carriage", "just below the range", "a part of the force"],
 )
 def test_nothing_else_is_taken_for_it(machine):
     assert with_cell_resonance(campaign_of(strokes(**machine))).problem.campaign.plant.known == ()

@@ -78,6 +78,7 @@ class Machine:
     lag_force_s: float = 0.0
     lag_current_s: float = 0.0
     ring: tuple[float, float] | None = None  # natural frequency, damping of the carriage
+    ring_share: float = 1.0  # of the force that goes through it
     late: dict = field(default_factory=dict, compare=False)  # channel -> s
     # the angle is read too large: order, cos and sin part in rad
     bend: tuple[tuple[int, float, float], ...] = field(default=(), compare=False)
@@ -142,7 +143,9 @@ class Machine:
             return np.array([self.forces(a, w, m)[1] for _, w, a, m, *_ in exact(time).T])
 
         def force(time):
-            return exact(time)[5] if self.lag_force_s or self.ring else true_force(time)
+            if self.ring:
+                return true_force(time) + self.ring_share * (exact(time)[5] - true_force(time))
+            return exact(time)[5] if self.lag_force_s else true_force(time)
 
         def current(time):
             return exact(time)[4 if self.lag_current_s else 0]
