@@ -122,7 +122,10 @@ class Motion:
         spectrum[..., 0] = 0.0
         spectrum[..., 1:] /= 1j * np.arange(1, spectrum.shape[-1])
         phase = (np.arange(n_points) + 0.5) * TWO_PI / n_points + np.fft.irfft(spectrum, n_points, axis=-1)
-        return np.exp(1j * phase[..., None, :] * np.arange(n_points // 2)[:, None])
+        # Each order is the one before times the first: the exponential of a multiple would round the multiple as well.
+        powers = np.repeat(np.exp(1j * phase)[..., None, :], n_points // 2, axis=-2)
+        powers[..., 0, :] = 1.0
+        return np.cumprod(powers, axis=-2)
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from copy import copy
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -100,18 +100,9 @@ class HoldOut:
         self._noise = self._noise_of(self.base if best is None else np.hstack([self.base, best]))
 
     def _kept_without_each(self) -> dict[str, Floats]:
-        """Normal matrix of the nuisances by the trials that are kept beside each group, priors included, (p, p) each.
-
-        Summed over the others, each once: what all say less what the group says would lose digits.
-        """
-        ungrouped = self.base[~np.any(list(self.rows.values()), axis=0)]
-        always = np.eye(self.base.shape[1]) + ungrouped.T @ ungrouped
-        of_each = {group: self.base[rows].T @ self.base[rows] for group, rows in self.rows.items()}
-        is_withheld = self.held_out != "nothing"
-        return {
-            group: sum((own for name, own in of_each.items() if name != group or not is_withheld), start=always)
-            for group in of_each
-        }
+        """Normal matrix of the nuisances by the trials kept beside each group, priors included, shape (p, p) each."""
+        withheld = {group: rows & (self.held_out != "nothing") for group, rows in self.rows.items()}
+        return {group: np.eye(len(gram)) + gram for group, gram in grams_without_each(self.base, withheld).items()}
 
     def _noise_of(self, design: Floats) -> Floats:
         """Whitened noise: the scatter of time blocks, that of strokes, or what a fit to the group itself leaves."""
@@ -422,6 +413,25 @@ def rows_by_group(problem: LinearProblem, group_of: Callable[[Part], str]) -> di
     for part in problem.parts:
         found.setdefault(group_of(part), np.zeros(len(problem.data), dtype=bool))[part.place] = True
     return found
+
+
+def grams_without_each(columns: Floats, groups: Mapping[str, np.ndarray]) -> dict[str, Floats]:
+    """Inner products of columns, shape (n, q), over all rows but those of each group, (q, q).
+
+    Summed over the other groups: what all rows say less what the group says would lose digits.
+
+    Parameters
+    ----------
+    columns : ndarray, shape (n, q)
+    groups : mapping of str to ndarray of bool, shape (n,)
+        No row is in two of them.
+    """
+    always = columns[~np.any(list(groups.values()), axis=0)]
+    of_each = {group: columns[rows].T @ columns[rows] for group, rows in groups.items()}
+    return {
+        group: sum((own for name, own in of_each.items() if name != group), start=always.T @ always)
+        for group in of_each
+    }
 
 
 def _scatter(problem: LinearProblem) -> Floats:

@@ -10,7 +10,7 @@ from typing import Final
 import numpy as np
 from sawbench.bench.recording import Floats
 from sawbench.diagnosis.answer.channel_gap import ChannelGap, forecast
-from sawbench.diagnosis.answer.hold_out import HoldOut, grouping, rows_by_group
+from sawbench.diagnosis.answer.hold_out import HoldOut, grams_without_each, grouping, rows_by_group
 from sawbench.diagnosis.answer.ladder import Ladder
 from sawbench.diagnosis.inference.columns import Column, columns_in, forms_beside
 from sawbench.diagnosis.inference.dispersion import background_with_noise, stacked_with_noise, with_noise
@@ -229,24 +229,28 @@ class Predictions:
         Without them its magnitude would not differ from zero in its 95 % interval, with them it does.
         """
         wave = member.contribution / np.sqrt(self._posterior.dispersion)
-
-        def is_known(marginal: Marginal) -> bool:
-            return marginal.square(wave) >= Z95**2
-
-        return is_known(self._of_all) and not all(map(is_known, self._without_each_point))
+        if self._of_all.square(wave) < Z95**2:
+            return False
+        return any(square < Z95**2 for square in self._squares_without_each_point(wave))
 
     @cached_property
     def _of_all(self) -> Marginal:
         """All trials, with the noise that the posterior found."""
         return Marginal(with_noise(self._problem, self._posterior.dispersion))
 
-    @cached_property
-    def _without_each_point(self) -> list[Marginal]:
-        """`_of_all` without each operating point; none where trials are withheld instead."""
+    def _squares_without_each_point(self, wave: Floats) -> list[float]:
+        """`Marginal.square` of a column without each operating point; none where trials are withheld instead."""
         held_out, group_of = grouping(self._problem, by_trial=False)
-        withheld = rows_by_group(self._problem, group_of).values() if held_out == "operating points" else ()
+        if held_out != "operating points":
+            return []
         problem = with_noise(self._problem, self._posterior.dispersion)
-        return [Marginal(problem, rows=~rows) for rows in withheld]
+        design = np.column_stack([problem.nuisance, wave])
+        squares = []
+        for gram in grams_without_each(design, rows_by_group(problem, group_of)).values():
+            root = np.linalg.cholesky(np.eye(len(gram) - 1) + gram[:-1, :-1])
+            half = np.linalg.solve(root, gram[:-1, -1])
+            squares.append(float(gram[-1, -1] - half @ half))
+        return squares
 
     def _hold_out(self, *, by_trial: bool, freed: tuple[str, ...]) -> HoldOut:
         key = (by_trial, freed)

@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 from sawbench.bench.recording import Floats
 from sawbench.modeling.effects.effect import Effect, Prepared, Strength, TransferFunction, Words
-from sawbench.modeling.effects.transfer import Spectrum, force_reading, resonance
+from sawbench.modeling.effects.transfer import Spectrum, force_error, resonance
 from sawbench.modeling.residuals import Baseline, Signature
 from sawbench.modeling.state import State
 
@@ -32,11 +32,12 @@ _UPPER = (1.4, 1.8, 2.3, 3.0)
 
 def prepared(baseline: Baseline, state: State) -> Callable[..., tuple[Signature, ...]]:
     """Signature of any form on one state, for a share of one of each mode."""
-    expected = Spectrum(baseline.expected_force(state), state)
+    force_n = baseline.expected_force(state)
+    expected = Spectrum(force_n, state)
 
     def signature(frequency_hz: float, damping: float, upper: float = 0.0) -> tuple[Signature, ...]:
         readings = [expected.through(mode) for mode in _modes(frequency_hz, damping, upper)]
-        return tuple(force_reading(baseline, state, reading) for reading in readings)
+        return tuple(force_error(baseline, state, reading - force_n) for reading in readings)
 
     return signature
 

@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from sawbench.bench.recording import Floats
 from sawbench.modeling.effects.effect import Effect, Prepared, Strength, TransferFunction, Words
-from sawbench.modeling.effects.transfer import Spectrum, force_reading, lag_on_axis, low_pass
+from sawbench.modeling.effects.transfer import Spectrum, force_error, lag_on_axis, low_pass
 from sawbench.modeling.residuals import Baseline, Signature
 from sawbench.modeling.state import State
 
@@ -27,8 +27,9 @@ _TAUS_S = tuple(float(tau) for tau in np.geomspace(1.5e-4, 1e-2, 18))
 
 
 def _prepared(baseline: Baseline, state: State) -> Callable[..., tuple[Signature, ...]]:
-    force = Spectrum(baseline.expected_force(state), state)
-    return lambda tau_s, damping: (force_reading(baseline, state, force.through(low_pass(tau_s, damping))),)
+    force_n = baseline.expected_force(state)
+    force = Spectrum(force_n, state)
+    return lambda tau_s, damping: (force_error(baseline, state, force.through(low_pass(tau_s, damping)) - force_n),)
 
 
 def _distorts(state: State, coefficients: Floats, tau_s: float, damping: float) -> Mapping[str, TransferFunction]:

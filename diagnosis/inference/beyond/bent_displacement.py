@@ -63,11 +63,9 @@ def bend_of_displacement(baseline: Baseline, state: State, order: int) -> Signat
     step = np.zeros(N_BEND_HARMONICS)
     step[order - 1] = _STEP_RAD
     more, less = straightened(state, step), straightened(state, -step)
-    up, down = residuals(baseline, more), residuals(baseline, less)
+    up, down = (residuals(baseline, read, ("electrical", "mechanical")) for read in (more, less))
     # What the reading hides is what straightening it takes away.
-    found: Signature = {
-        name: (down[name] - up[name]) / (2.0 * _STEP_RAD) for name in ("electrical", "mechanical") if name in up
-    }
+    found: Signature = {name: (down[name] - up[name]) / (2.0 * _STEP_RAD) for name in up}
     if state.force_n is not None and not state.setting.is_idle:
         found["cutting"] = (baseline.expected_force(more) - baseline.expected_force(less)) / (2.0 * _STEP_RAD)
     return found
