@@ -335,6 +335,21 @@ def test_less_than_a_hundredth_of_the_mean_at_a_fixed_frequency_is_switching_tha
     assert listed == (set() if is_gap else {BATTERY_VOLTAGE.name, MOTOR_CURRENT.name})
 
 
+@pytest.mark.parametrize(("share", "is_gap"), [(0.003, False), (0.03, True)])
+def test_what_shakes_the_table_is_no_gap_as_long_as_the_currents_hardly_show_it(share, is_gap):
+    """An extractor beside the bench: a newton of the force at 43 Hz, and what the cut makes of it."""
+
+    def shaken(rng, time_s, turns, feed):
+        wave = np.cos(2.0 * np.pi * 43.0 * time_s + rng.uniform(0.0, 6.0))
+        currents = 1.0 + share * wave
+        return {FORCE.name: wave, MOTOR_CURRENT.name: 10.0 * currents, BATTERY_CURRENT.name: 8.0 * currents}
+
+    noise = dict.fromkeys(NOISE, 0.01)
+    assert (campaign(shaken, noise=noise) is not None) == is_gap
+    listed = {line.channel for line in fixed_lines(trials(shaken, noise=noise))}
+    assert listed == (set() if is_gap else {FORCE.name, MOTOR_CURRENT.name, BATTERY_CURRENT.name})
+
+
 @pytest.mark.parametrize(("of_motor", "is_current"), [(0.5, True), (1.0, False), (0.3, False)])
 def test_a_charger_that_stays_connected_is_no_hum(of_motor, is_current):
     """Both currents at twice the mains' frequency: the battery's is duty times that of the motor, or any."""
