@@ -23,9 +23,7 @@ from sawbench.modeling.effects.transfer import Spectrum, force_error, resonance
 from sawbench.modeling.residuals import Baseline, Signature
 from sawbench.modeling.state import State
 
-LOWEST_HZ: Final = 60.0
-HIGHEST_HZ: Final = 410.0
-_FREQUENCIES_HZ = tuple(float(f) for f in np.geomspace(LOWEST_HZ, HIGHEST_HZ, 40))
+FREQUENCIES_HZ: Final = tuple(np.geomspace(60.0, 410.0, 40).tolist())
 # Frequency of the upper mode over that of the first.
 _UPPER = (1.4, 1.8, 2.3, 3.0)
 
@@ -74,10 +72,10 @@ EFFECT = Effect(
     signature=Prepared(prepared),
     n_signatures=lambda shape: 2 if "upper" in shape else 1,
     shapes=(
-        *({"frequency_hz": f, "damping": z} for f in _FREQUENCIES_HZ for z in (0.03, 0.08, 0.2)),
+        *({"frequency_hz": f, "damping": z} for f in FREQUENCIES_HZ for z in (0.03, 0.08, 0.2)),
         *(
             {"frequency_hz": f, "damping": z, "upper": u}
-            for f in _FREQUENCIES_HZ[:32:3]
+            for f in FREQUENCIES_HZ[:32:3]
             for z in (0.04, 0.1)
             for u in _UPPER
         ),

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from sawbench.modeling.effects.effect import Effect, Strength, Words
 from sawbench.modeling.effects.strokes import ZeroTrend
-from sawbench.modeling.effects.transfer import force_reading
+from sawbench.modeling.effects.transfer import force_error
 from sawbench.modeling.residuals import Baseline, Signature
 from sawbench.modeling.state import State
 
@@ -34,7 +34,7 @@ def _signature(
         if warm_up_s > 0.0
         else (elapsed_s / _UNIT_S) ** power
     )
-    return (force_reading(baseline, state, baseline.expected_force(state) + direction * drift),)
+    return (force_error(baseline, state, direction * drift),)
 
 
 def _axis_signature(_: AxisBaseline, state: AxisState, direction: float) -> tuple[Signature, ...]:

@@ -2,11 +2,11 @@
 
     F_m = F + s (resonance of F, less F)
 
-The same transfer function as that of the carriage (`carriage_resonance`), above its frequencies. All of the force goes
-through the cell, so that a single mode has all of it (s = 1, but for the error of a gain); of a carriage with several
-modes, or with a guide that bears a part of the force, one has less. A light mode, of up to an eighth of the force,
-every bench has somewhere, among the frequencies of the carriage too. Cells of 200 N to 2 kN with a clamp of 0.05 to
-0.5 kg ring at 300 Hz to some kHz with a damping ratio of 0.01 to 0.1: assumed.
+The same transfer function as that of the carriage (`carriage_resonance`), mostly above its frequencies. All of the
+force goes through the cell, so that a single mode has all of it (s = 1, but for the error of a gain); of a carriage
+with several modes, or with a guide that bears a part of the force, one has less. A light mode, of up to an eighth of
+the force, every bench has somewhere, among the frequencies of the carriage too. Cells of 200 N to 2 kN with a clamp of
+0.05 to 0.5 kg ring at 300 Hz to some kHz with a damping ratio of 0.01 to 0.1: assumed.
 """
 
 from __future__ import annotations
@@ -22,14 +22,14 @@ from sawbench.modeling.residuals import Baseline, Signature
 from sawbench.modeling.state import State
 
 _LEAST_SHARE, _LIGHT_SHARE = 0.05, 0.125
-_OF_ALL_HZ = np.geomspace(carriage_resonance.HIGHEST_HZ, 1500.0, 28).tolist()
-_OF_CARRIAGE_HZ = np.geomspace(carriage_resonance.LOWEST_HZ, carriage_resonance.HIGHEST_HZ, 40).tolist()
+_OF_ALL_HZ = tuple(np.geomspace(carriage_resonance.FREQUENCIES_HZ[-1], 1500.0, 28).tolist())
+_OF_LIGHT_HZ = carriage_resonance.FREQUENCIES_HZ + _OF_ALL_HZ
 # Frequencies that go with a share; without one it is all of the force.
 _FREQUENCIES_HZ = (
     ({}, _OF_ALL_HZ),
     ({"share": 1.0}, _OF_ALL_HZ),
-    ({"share": _LIGHT_SHARE}, _OF_CARRIAGE_HZ + _OF_ALL_HZ),
-    ({"share": _LEAST_SHARE}, _OF_CARRIAGE_HZ + _OF_ALL_HZ),
+    ({"share": _LIGHT_SHARE}, _OF_LIGHT_HZ),
+    ({"share": _LEAST_SHARE}, _OF_LIGHT_HZ),
 )
 
 
