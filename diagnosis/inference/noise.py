@@ -3,18 +3,47 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Final
 
 import numpy as np
 from sawbench.bench.recording import Floats
-from sawbench.diagnosis.inference.features import START_UP_EDGES_S, Layout
+from sawbench.diagnosis.inference.features import START_UP_EDGES_S, Layout, time_bins
 from sawbench.diagnosis.inference.settings import SETTINGS
 from sawbench.modeling.state import State
 
-# (blade in air, equation) -> covariance of a single stroke's features
-Scatter = Mapping[tuple[bool, str], Floats]
+# Of the battery's line, in which a converter chops the motor's current: what no filter takes of that grows with it.
+_CHOPPED: Final = ("supply", "converter")
 
 
-def scatter_of(found: Sequence[tuple[State, Layout, Floats]]) -> dict[tuple[bool, str], Floats]:
+@dataclass(frozen=True, kw_only=True, slots=True)
+class StrokeScatter:
+    """How one equation scatters from stroke to stroke, of all idle or of all cutting trials.
+
+    Attributes
+    ----------
+    covariance : ndarray, shape (n, n)
+        Of a single stroke's features.
+    current2_a2 : float
+        Mean square of the motor's current; 0 where it is not measured.
+    """
+
+    covariance: Floats
+    current2_a2: float
+
+    def of_means(self, rate_hz: float) -> tuple[float, float]:
+        """Density of the noise over time, and variance of what the mean of a stroke has beyond that and drifts."""
+        variance = np.diag(self.covariance)
+        # An amplitude's variance is twice the density over the stroke's length.
+        density = 0.5 * float(np.mean(variance[1:])) / rate_hz
+        return density, max(float(variance[0]) - density * rate_hz, 0.0)
+
+
+# (blade in air, equation)
+Scatter = Mapping[tuple[bool, str], StrokeScatter]
+
+
+def scatter_of(found: Sequence[tuple[State, Layout, Floats]]) -> dict[tuple[bool, str], StrokeScatter]:
     """Covariance of a single stroke's features, pooled over idle and over cutting trials: a few factors and a rest.
 
     Wood scatters in one or two directions (the whole force, its place in the stroke); what is left is sensor
@@ -29,10 +58,11 @@ def scatter_of(found: Sequence[tuple[State, Layout, Floats]]) -> dict[tuple[bool
 
     Returns
     -------
-    dict of (bool, str) to ndarray
-        By blade in air and equation, shape (features of the equation, the same).
+    dict of (bool, str) to StrokeScatter
+        By blade in air and equation.
     """
     pools: dict[tuple[bool, str], list[Floats]] = {}
+    currents: dict[bool, list[float]] = {}
     for state, layout, features in found:
         n = len(features)
         if state.kind != "running" or n < SETTINGS.noise.least_units:
@@ -40,9 +70,16 @@ def scatter_of(found: Sequence[tuple[State, Layout, Floats]]) -> dict[tuple[bool
         time = np.arange(n) - 0.5 * (n - 1)
         trend = np.outer(time, time @ features) / (time @ time)
         deviation = (features - features.mean(axis=0) - trend) * np.sqrt(n / (n - 2) * state.n_strokes[0])
+        current = 0.0 if state.current_a is None else float(np.mean(state.current_a**2))
+        currents.setdefault(state.setting.is_idle, []).append(current)
         for equation, part in layout.slices.items():
             pools.setdefault((state.setting.is_idle, equation), []).append(deviation[:, part])
-    return {key: _factors(np.concatenate(rows)) for key, rows in pools.items()}
+    return {
+        (is_idle, equation): StrokeScatter(
+            covariance=_factors(np.concatenate(rows)), current2_a2=float(np.mean(currents[is_idle]))
+        )
+        for (is_idle, equation), rows in pools.items()
+    }  # fmt: skip
 
 
 def noise_of(state: State, layout: Layout, blocks: Floats, scatter: Scatter, rate_hz: float) -> Floats:
@@ -59,22 +96,22 @@ def noise_of(state: State, layout: Layout, blocks: Floats, scatter: Scatter, rat
         Strokes per second.
     """
     if state.kind != "running":
-        return _start_up(layout, scatter, rate_hz)
+        return _start_up(state, layout, scatter, rate_hz)
     covariance = np.zeros((layout.size, layout.size))
     strokes = float(state.n_strokes[0]) / float((blocks[0] ** 2).sum())
     for equation, place in layout.slices.items():
         known = _known(scatter, equation, is_idle=state.setting.is_idle)
         if known is not None:
-            covariance[place, place] = known / strokes
+            covariance[place, place] = known.covariance / strokes
     return covariance
 
 
-def _known(scatter: Scatter, equation: str, *, is_idle: bool) -> Floats | None:
+def _known(scatter: Scatter, equation: str, *, is_idle: bool) -> StrokeScatter | None:
     """Scatter of the trials of a kind; that of the others where these are too short to tell."""
     return scatter.get((is_idle, equation), scatter.get((not is_idle, equation)))
 
 
-def _start_up(layout: Layout, scatter: Scatter, rate_hz: float) -> Floats:
+def _start_up(state: State, layout: Layout, scatter: Scatter, rate_hz: float) -> Floats:
     """Noise of the bins of a start: the stroke's mean drifts slowly, its harmonics tell the noise a second holds."""
     width_s = np.diff(START_UP_EDGES_S)
     middle_s = np.cumsum(width_s) - 0.5 * width_s
@@ -82,13 +119,24 @@ def _start_up(layout: Layout, scatter: Scatter, rate_hz: float) -> Floats:
     covariance = np.zeros((layout.size, layout.size))
     for equation, place in layout.slices.items():
         known = _known(scatter, equation, is_idle=True)
-        if known is not None:
-            variance = np.diag(known)
-            # An amplitude's variance is twice the density over the stroke's length; what the mean has beyond drifts.
-            density = 0.5 * float(np.mean(variance[1:])) / rate_hz
-            slow = max(float(variance[0]) - density * rate_hz, 0.0)
-            covariance[place, place] = slow * near + np.diag(density / width_s)
+        if known is None:
+            continue
+        density, slow = (np.full(len(width_s), one) for one in known.of_means(rate_hz))
+        loaded = scatter.get((False, equation))
+        if equation in _CHOPPED and loaded is not None and state.current_a is not None:
+            more = time_bins(state.current_a**2)[0] - known.current2_a2
+            by_load = np.maximum(more, 0.0) * _growth(known, loaded, rate_hz)[:, None]
+            density, slow = density + by_load[0], slow + by_load[1]
+        drift = np.sqrt(slow)
+        covariance[place, place] = np.outer(drift, drift) * near + np.diag(density / width_s)
     return covariance
+
+
+def _growth(idle: StrokeScatter, loaded: StrokeScatter, rate_hz: float) -> Floats:
+    """What `of_means` gains with the square of the motor's current, shape (2,); 0 where idle runs take as much."""
+    more = np.array(loaded.of_means(rate_hz)) - np.array(idle.of_means(rate_hz))
+    current2_a2 = loaded.current2_a2 - idle.current2_a2
+    return np.maximum(more, 0.0) / current2_a2 if current2_a2 > 0.0 else np.zeros(2)
 
 
 def _factors(deviation: Floats) -> Floats:

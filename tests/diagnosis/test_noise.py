@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from sawbench.bench.recording import Signal
 from sawbench.diagnosis.channel_defects import defect_of
-from sawbench.diagnosis.inference.features import HARMONICS, START_UP_EDGES_S, Layout, harmonics
+from sawbench.diagnosis.inference.features import HARMONICS, START_UP_EDGES_S, Layout, harmonics, time_bins
 from sawbench.diagnosis.inference.noise import contrast_misfit, noise_of, scatter_of
 from sawbench.diagnosis.smooth_state import _signal_share, power_by_chance
 from sawbench.modeling.state import TWO_PI
@@ -40,6 +40,26 @@ def test_the_noise_of_a_start_follows_from_the_strokes():
     found = np.diag(noise_of(start_up(), start, np.eye(1), pooled, RATE_HZ))
     widths = np.array([b - a for a, b in pairwise(START_UP_EDGES_S)])
     assert np.allclose(found, 0.5**2 * sample_s / widths, rtol=0.25)
+
+
+@pytest.mark.parametrize("equation", ["converter", "supply", "electrical"])
+def test_what_a_converter_chops_is_as_noisy_as_its_current_is_large(equation):
+    """Ripple of 0.02 of the current, in an idle run of 0.5 A and a cut of 5 A; a start draws up to 40 A."""
+    rng = np.random.default_rng(9)
+    layout, share = Layout(kind="running", equations=(equation,)), 0.02
+    trials = [
+        (
+            replace(one_stroke_units(running(is_idle=is_idle), 400), current_a=np.full((400, 128), current_a)), layout,
+            harmonics(share * current_a * rng.standard_normal((400, 128)), HARMONICS[equation]),
+        )
+        for is_idle, current_a in ((True, 0.5), (False, 5.0))
+    ]  # fmt: skip
+    start = start_up()
+    noise = noise_of(start, Layout(kind="start_up", equations=(equation,)), np.eye(1), scatter_of(trials), RATE_HZ)
+    std_a = np.sqrt(np.diag(noise) * np.diff(START_UP_EDGES_S) * 128 * RATE_HZ)
+    drawn_a = np.sqrt(time_bins(start.current_a**2)[0])
+    # The motor's own balance has no chopped current: its noise is that of the idle run.
+    assert np.allclose(std_a, share * (0.5 if equation == "electrical" else drawn_a), rtol=0.25)
 
 
 def test_a_mean_that_drifts_is_alike_in_neighbouring_bins_of_a_start():
