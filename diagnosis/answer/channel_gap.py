@@ -15,6 +15,7 @@ from sawbench.diagnosis.answer.ladder import RUNGS, Fit, Ladder, Rungs
 from sawbench.diagnosis.inference.battery_curve import SeenCurve
 from sawbench.diagnosis.inference.columns import Column
 from sawbench.diagnosis.inference.common_filter import filtered
+from sawbench.diagnosis.inference.features import up_to_harmonic
 from sawbench.diagnosis.inference.linear_problem import Part
 from sawbench.diagnosis.inference.nuisance import Nuisance
 from sawbench.diagnosis.inference.nuisances import further_batteries
@@ -44,7 +45,7 @@ class Cycle:
     label, operating_point : str
     is_idle : bool
     measured : dict of str to ndarray, shape (n_points,)
-        By channel, those that were measured; over the crank angle.
+        By channel, those that were measured; over the crank angle, up to the highest harmonic that is compared.
     predicted : dict of str to dict
         The same by model ("nominal", "retuned", "with_effect").
     scatter : dict of str to float
@@ -162,7 +163,7 @@ def forecast(hold_out: HoldOut, ladder: Ladder, forms: Sequence[Sequence[Column]
 
     predicted = list(zip(running, on_two_cores(strokes, running), strict=True))
     settled = [(part, found) for part, found in predicted if not found.unsettled]
-    cycles = tuple(_cycle(baseline, part.state, found) for part, found in settled)
+    cycles = tuple(_cycle(baseline, part, found) for part, found in settled)
     warnings = []
     if len(settled) < len(predicted):
         names = [f"{part.setting.label} ({', '.join(f.unsettled)})" for part, f in predicted if f.unsettled]
@@ -220,17 +221,23 @@ def _predict_all(baseline: Baseline, stroke: State, models: dict[str, list[Term]
     return found
 
 
-def _cycle(baseline: Baseline, state: State, strokes: _Strokes) -> Cycle:
-    measured, scatter = {}, {}
+def _cycle(baseline: Baseline, part: Part, strokes: _Strokes) -> Cycle:
+    """Mean stroke of a trial as far as models are fitted to it: up to the highest harmonic compared and resolved.
+
+    What a form goes on to do beyond that was never held against a measurement.
+    """
+    state, measured, scatter = part.state, {}, {}
     predicted: dict[str, dict[str, Floats]] = {name: {} for name in strokes.found}
+    compared = max(part.layout.n_harmonics[equation] for equation in part.layout.equations)
     for channel, attribute, _ in CHANNELS:
         units = getattr(state, attribute)
         if units is None:
             continue
-        measured[channel] = getattr(strokes.stroke, attribute)[0]
-        scatter[channel] = _std_of_mean(units, _explained(baseline, state))
+        highest = int(min(compared, state.resolved_orders.get(attribute, np.inf)))
+        measured[channel] = up_to_harmonic(getattr(strokes.stroke, attribute)[0], highest)
+        scatter[channel] = _std_of_mean(up_to_harmonic(units, highest), _explained(baseline, state))
         for name, prediction in strokes.found.items():
-            predicted[name][channel] = getattr(prediction.state, attribute)[0]
+            predicted[name][channel] = up_to_harmonic(getattr(prediction.state, attribute)[0], highest)
     return Cycle(
         label=state.setting.label, operating_point=state.setting.operating_point, is_idle=state.setting.is_idle,
         measured=measured, predicted=predicted, scatter=scatter,

@@ -47,7 +47,7 @@ SCHEMA_VERSION = 1
 MOST_PLANNED = 20
 _METRIC = (
     "root mean square of the equation residuals over their noise, on {held_out}; by_channel: measured minus predicted"
-    " mean {cycle} in the unit of the channel{simulated}{fitted}"
+    " mean {cycle} in the unit of the channel, over the harmonics compared{simulated}{fitted}"
 )
 _FITTED = "; k_Fc of a workpiece is always fitted to its own trial"
 _HELD_OUT = {

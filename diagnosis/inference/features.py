@@ -123,6 +123,13 @@ def harmonics(waves: Floats, n: int) -> Floats:
     return np.concatenate([spectrum[..., :1].real, 2 * spectrum[..., 1:].real, -2 * spectrum[..., 1:].imag], axis=-1)
 
 
+def up_to_harmonic(waves: Floats, n: int) -> Floats:
+    """Periodic rows without what is above a harmonic, shape of `waves`."""
+    spectrum = np.fft.rfft(waves, axis=-1)
+    spectrum[..., n + 1 :] = 0.0
+    return np.fft.irfft(spectrum, waves.shape[-1], axis=-1)
+
+
 def orders(n: int) -> Floats:
     """Order of each amplitude that `harmonics` gives, shape (2 n + 1,)."""
     return np.concatenate([[0.0], *2 * [np.arange(1.0, n + 1)]])
