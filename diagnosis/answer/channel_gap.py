@@ -224,7 +224,7 @@ def _predict_all(baseline: Baseline, stroke: State, models: dict[str, list[Term]
 def _cycle(baseline: Baseline, part: Part, strokes: _Strokes) -> Cycle:
     """Mean stroke of a trial as far as models are fitted to it: up to the highest harmonic compared and resolved.
 
-    What a form goes on to do beyond that was never held against a measurement.
+    What a form goes on to do beyond that was compared with nothing.
     """
     state, measured, scatter = part.state, {}, {}
     predicted: dict[str, dict[str, Floats]] = {name: {} for name in strokes.found}
