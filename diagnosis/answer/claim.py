@@ -38,8 +38,6 @@ from sawbench.diagnosis.inference.settings import SETTINGS, Z95, Forms, Settings
 from sawbench.diagnosis.inference.stroke_evidence import StrokesSay
 from sawbench.diagnosis.inference.weighing import among, prior_odds_of_one, weigh
 from sawbench.diagnosis.standard_error import exceeds_its_error
-from sawbench.modeling.effects.effect import Effect
-from sawbench.modeling.effects.strokes import ZeroTrend
 from sawbench.modeling.residuals import Equation
 
 # Of a magnitude that is there against none, at which none is outside of a 95 % interval.
@@ -108,14 +106,8 @@ def _shared_with_unlisted(problem: LinearProblem, posterior: Posterior, predicti
 
 def carried_by_strokes(problem: LinearProblem, posterior: Posterior, hypothesis: Hypothesis) -> list[str]:
     """Effects of a hypothesis that the single strokes show."""
-    said, wander = posterior.strokes, problem.wander
-
-    def is_shown(effect: Effect) -> bool:
-        if isinstance(effect.strokes, ZeroTrend):
-            return wander is not None and wander.is_drifting
-        return effect.name in said and said[effect.name].beside_cutting > 0.0
-
-    return [member.effect.name for member in hypothesis.members if is_shown(member.effect)]
+    said = posterior.strokes
+    return [name for name in hypothesis.effects if name in said and said[name].beside_cutting > 0.0]
 
 
 def is_there(member: Explanation, said: StrokesSay | None = None) -> bool:

@@ -37,6 +37,7 @@ from sawbench.diagnosis.inference.stroke_evidence import (
     strokes_say,
     with_mean_strokes,
     with_strokes,
+    zeros_say,
 )
 from sawbench.diagnosis.inference.unnamed import beyond_catalogue, unnamed
 from sawbench.diagnosis.inference.unsteady_balance import unsteady_balances
@@ -151,6 +152,7 @@ def judge_weighed(weighed: WeighedAlone, *, are_known_certain: bool = True) -> P
     ]
     known = (*effects, *plant.beyond_catalogue)
     _, beside, little, (said, of_strokes), laws = on_two_cores(operator.call, parts, known=known)
+    said = said | zeros_say(effects, problem.wander)
     bench = _bench_of(weighed, little, laws)
     singles, pairs = _singles_and_pairs(bench)
     listed = {h.name: h.log_evidence for h in singles}

@@ -10,15 +10,17 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
+import numpy as np
 from sawbench.diagnosis.inference.evidence import Explanation
 from sawbench.diagnosis.inference.hypothesis import Hypothesis
 from sawbench.diagnosis.inference.settings import Settings, Strokes
 from sawbench.diagnosis.inference.shared_course import shared_course
 from sawbench.diagnosis.inference.stroke_series import StrokeSeries, StrokeSpectra
 from sawbench.diagnosis.inference.stroke_trend import NOTHING_SHOWN, blocks_of, trend_evidence
+from sawbench.diagnosis.inference.zero_wander import ZeroWander
 from sawbench.modeling.effects.effect import Effect
 from sawbench.modeling.effects.known import KnownEffect
-from sawbench.modeling.effects.strokes import StrokeTrend, StrokeWave
+from sawbench.modeling.effects.strokes import StrokeTrend, StrokeWave, ZeroTrend
 from sawbench.modeling.state import State
 
 WAVE_IN_TIME = "cutting coefficient that oscillates in time, not along the feed"
@@ -51,8 +53,8 @@ class StrokesSay:
 
     @property
     def is_trend(self) -> bool:
-        """Whether the effect changes the hardness over blade life or from trial to trial; else it is a wave."""
-        return isinstance(self.effect.strokes, StrokeTrend)
+        """Whether the effect changes the hardness or the zero over the session; else it is a wave."""
+        return not isinstance(self.effect.strokes, StrokeWave)
 
     def beside(self, others: Sequence[Effect]) -> float:
         """Log evidence of the strokes beside other effects."""
@@ -152,6 +154,28 @@ def strokes_say(
     in_time = 0.0 if spectra is None else _wave_in_time(spectra, known)
     one_look = math.log(settings.strokes.looks)
     return said, {WAVE_IN_TIME: in_time - one_look - math.log(2.0), SHARED_COURSE: shared_course(blocks) - one_look}
+
+
+def zeros_say(effects: Sequence[Effect], wander: ZeroWander | None) -> dict[str, StrokesSay]:
+    """What return strokes say of a drift of the zero: whether there is one, its size is left to the mean strokes.
+
+    Parameters
+    ----------
+    effects : sequence of Effect
+    wander : ZeroWander or None
+        Nothing is said where it is not known.
+
+    Returns
+    -------
+    dict of str to StrokesSay
+        By effect.
+    """
+    return {
+        e.name: StrokesSay(
+            effect=e, alone=wander.of_drift, beside_cutting=wander.of_drift, size=0.0, size_std=float(np.inf)
+        )
+        for e in effects if wander is not None and isinstance(e.strokes, ZeroTrend)
+    }  # fmt: skip
 
 
 def with_mean_strokes(

@@ -14,8 +14,8 @@ The density and the variance of restarts are posterior means over grids that are
 preferred, with the most likely tau. The grids reach from a hundredth of what a load cell resolves to what would be
 called broken. 1/f noise is approximated by the sum of walk, restarts and white noise.
 
-Such a wander interpolates the zero of a withheld trial as well as a drift does. What tells them apart is the future:
-the zero drifts where a lasting trend predicts stretches of the session from those before better than the wander does.
+Such a wander interpolates the zero of a withheld trial as well as a drift does, and the likeliest wander beside a trend
+that is not believed holds the trend. So the evidence of a drift is that of all wanders, with a trend and without one.
 """
 
 from __future__ import annotations
@@ -27,7 +27,6 @@ from itertools import product
 import numpy as np
 from sawbench.bench.recording import Floats
 from sawbench.diagnosis.inference.settings import SETTINGS
-from sawbench.diagnosis.standard_error import exceeds_its_error
 from sawbench.modeling.residuals import Baseline
 from sawbench.modeling.state import State
 
@@ -41,10 +40,6 @@ _DRIFT_S = 1000.0
 _WARM_UPS_S = (100.0, 400.0)
 # A trend is one effect of some thirty, in one of four forms.
 _LOG_PRIOR_TREND = -float(np.log(30.0 * 4.0))
-
-
-# Of a session, of the same number of trials each.
-_STRETCHES = 4
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -82,8 +77,8 @@ class ZeroWander:
         Standard deviation from restart to restart.
     restarts_add_up : bool
         Whether every restart is a step from where the zero stood before.
-    is_drifting : bool
-        Whether a lasting trend says of the zeros of later trials what the wander alone does not.
+    of_drift : float
+        Log evidence of a lasting trend against none, over all that the wander may be.
     level_n : float
         Mean zero of the trials in air; 0 where there are none.
     """
@@ -94,7 +89,7 @@ class ZeroWander:
     memory_s: float
     restart_n: float
     restarts_add_up: bool = False
-    is_drifting: bool = False
+    of_drift: float = 0.0
     level_n: float = 0.0
 
     def covariance(self, at_s: Floats, trial: np.ndarray) -> Floats:
@@ -173,8 +168,7 @@ def zero_wander(trials: Sequence[ZeroReadings]) -> ZeroWander | None:
         density_n2_s=density, density_std_n2_s=density_std, white_n=white, memory_s=_MEMORIES_S[0], restart_n=0.0,
         level_n=level_n,
     )  # fmt: skip
-    wander = _between(means, walk)
-    return replace(wander, is_drifting=_is_drifting(means, wander))
+    return _between(means, walk)
 
 
 def _within(trials: Sequence[ZeroReadings]) -> tuple[float, float, float]:
@@ -241,54 +235,39 @@ class _Means:
 
 
 def _between(means: _Means, walk: ZeroWander) -> ZeroWander:
-    """Find whether restarts add up, the most likely memory, and the scatter of restarts.
+    """Find whether restarts add up, the most likely memory, the scatter of restarts, and what speaks for a trend.
 
-    From the trials' mean zeros, whatever lasting trend there is.
+    From the trials' mean zeros; the wander is the likeliest, whatever lasting trend there is.
     """
     trends = _trends(means.at_s)
-
-    def log_of(wander: ZeroWander) -> float:
-        covariance = means.covariance(wander)
-        with_trend = [_LOG_PRIOR_TREND + _log_likelihood(covariance, g, means.zero_n) for g in trends]
-        none = _log_likelihood(covariance, np.zeros(len(means.at_s)), means.zero_n)
-        return float(np.logaddexp.reduce([none, *with_trend]))
-
     kinds = [
         replace(walk, restarts_add_up=add_up, memory_s=memory_s)
         for add_up, memory_s in product((False, True), _MEMORIES_S)
     ]
-    logs = np.array([[log_of(replace(kind, restart_n=float(n))) for n in _RESTARTS_N] for kind in kinds])
+    wanders = [[replace(kind, restart_n=float(n)) for n in _RESTARTS_N] for kind in kinds]
+    found = np.array([[_log_likelihoods(means.covariance(w), trends, means.zero_n) for w in row] for row in wanders])
+    none, with_trend = found[..., 0], found[..., 1:]
+    of_drift = np.logaddexp.reduce(with_trend, axis=None) - np.log(len(trends)) - np.logaddexp.reduce(none, axis=None)
+    logs = np.logaddexp(none, _LOG_PRIOR_TREND + np.logaddexp.reduce(with_trend, axis=-1))
     weights = np.exp(logs - logs.max())
     k = int(np.argmax(weights.sum(axis=1)))
-    return replace(kinds[k], restart_n=float(np.sqrt(weights[k] @ _RESTARTS_N**2 / weights[k].sum())))
+    restart_n = float(np.sqrt(weights[k] @ _RESTARTS_N**2 / weights[k].sum()))
+    return replace(kinds[k], restart_n=restart_n, of_drift=float(of_drift))
 
 
-def _is_drifting(means: _Means, wander: ZeroWander) -> bool:
-    """Whether a lasting trend predicts stretches of the session from those before, beyond the standard error of that.
-
-    Interpolated, a zero that wanders is known as well as one that drifts; ahead it is not.
-    """
-    covariance, trends = means.covariance(wander), _trends(means.at_s)
-    ends = np.unique(np.linspace(0, len(means.at_s), _STRETCHES + 1).astype(int))[1:]
-
-    def gained(n: int) -> float:
-        part, zero_n = covariance[:n, :n], means.zero_n[:n]
-        with_trend = [_log_likelihood(part, g[:n], zero_n) for g in trends]
-        none = _log_likelihood(part, np.zeros(n), zero_n)
-        return float(np.logaddexp.reduce(with_trend)) - float(np.log(len(trends))) - none
-
-    ahead = np.diff([gained(int(n)) for n in ends])
-    return len(ahead) > 1 and exceeds_its_error(ahead)
-
-
-def _trends(at_s: Floats) -> list[Floats]:
-    """Lasting trends that are no wander, each times its standard deviation; of 1 after 1000 s."""
+def _trends(at_s: Floats) -> Floats:
+    """Lasting trends that are no wander, each times its standard deviation, of 1 after 1000 s; shape (k, n)."""
     since_s = np.maximum(at_s, 0.0)
     warm_ups = [np.expm1(-since_s / tau_s) / np.expm1(-_DRIFT_S / tau_s) for tau_s in _WARM_UPS_S]
-    return [SETTINGS.sensors.zero_std_n * g for g in (since_s / _DRIFT_S, np.sqrt(since_s / _DRIFT_S), *warm_ups)]
+    return SETTINGS.sensors.zero_std_n * np.array([since_s / _DRIFT_S, np.sqrt(since_s / _DRIFT_S), *warm_ups])
 
 
-def _log_likelihood(covariance: Floats, trend: Floats, values: Floats) -> float:
-    root = np.linalg.cholesky(covariance + np.outer(trend, trend))
-    half = np.linalg.solve(root, values)
-    return -0.5 * float(half @ half) - float(np.log(np.diag(root)).sum())
+def _log_likelihoods(covariance: Floats, trends: Floats, values: Floats) -> Floats:
+    """Of values without a trend and with each, of any size within its standard deviation, shape (1 + k,)."""
+    root = np.linalg.cholesky(covariance)
+    half = np.linalg.solve(root, np.column_stack([values, trends.T]))
+    seen, of_trends = half[:, 0], half[:, 1:]
+    spread = 1.0 + np.sum(of_trends**2, axis=0)
+    gained = 0.5 * ((seen @ of_trends) ** 2 / spread - np.log(spread))
+    none = -0.5 * float(seen @ seen) - float(np.log(np.diag(root)).sum())
+    return none + np.concatenate([[0.0], gained])
