@@ -14,8 +14,9 @@ The density and the variance of restarts are posterior means over grids that are
 preferred, with the most likely tau. The grids reach from a hundredth of what a load cell resolves to what would be
 called broken. 1/f noise is approximated by the sum of walk, restarts and white noise.
 
-Such a wander interpolates the zero of a withheld trial as well as a drift does, and the likeliest wander beside a trend
-that is not believed holds the trend. So the evidence of a drift is that of all wanders, with a trend and without one.
+Such a wander interpolates the zero of a withheld trial as well as a drift does. Where a trend is not likely enough to be
+reckoned with, the likeliest wander takes it up. So the evidence of a drift is that of all wanders, with a trend and
+without one.
 """
 
 from __future__ import annotations
@@ -235,7 +236,7 @@ class _Means:
 
 
 def _between(means: _Means, walk: ZeroWander) -> ZeroWander:
-    """Find whether restarts add up, the most likely memory, the scatter of restarts, and what speaks for a trend.
+    """Find whether restarts add up, the most likely memory, the scatter of restarts, and the evidence for a trend.
 
     From the trials' mean zeros; the wander is the likeliest, whatever lasting trend there is.
     """
