@@ -14,9 +14,8 @@ The density and the variance of restarts are posterior means over grids that are
 preferred, with the most likely tau. The grids reach from a hundredth of what a load cell resolves to what would be
 called broken. 1/f noise is approximated by the sum of walk, restarts and white noise.
 
-Such a wander interpolates the zero of a withheld trial as well as a drift does. Where a trend is not likely enough to be
-reckoned with, the likeliest wander takes it up. So the evidence of a drift is that of all wanders, with a trend and
-without one.
+Such a wander interpolates the zero of a withheld trial as well as a drift does. A trend that is not likely enough is
+taken up by the likeliest wander. So the evidence of a drift is that of all wanders, with a trend and without one.
 """
 
 from __future__ import annotations
