@@ -81,12 +81,24 @@ class Posterior:
 
     @property
     def best(self) -> Hypothesis:
-        """The most likely one."""
-        return self.hypotheses[0]
+        """The answer: the most likely claim with an effect that is likelier there than not, else the most likely one.
+
+        What is not sure of a claim is often what stands beside its effect: then several claims share what says that
+        the effect is there, and each of them may have less than "unknown".
+        """
+        first = self.hypotheses[0]
+        if first.effects:
+            return first
+        there: dict[str, float] = {}
+        for claim in self.claims:
+            for name in claim.effects:
+                there[name] = there.get(name, 0.0) + claim.probability
+        likelier = {name for name, probability in there.items() if probability > 0.5}
+        return next((claim for claim in self.claims if likelier & set(claim.effects)), first)
 
     @property
     def verdict(self) -> Verdict:
-        """Of the most likely one."""
+        """Of the answer."""
         return self.best.verdict
 
     @property

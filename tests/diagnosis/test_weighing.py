@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from sawbench.diagnosis.inference.hypothesis import Hypothesis, named
+from sawbench.diagnosis.inference.hypothesis import OTHERS, Hypothesis, named
+from sawbench.diagnosis.inference.posterior import Posterior
 from sawbench.diagnosis.inference.settings import SETTINGS
 from sawbench.diagnosis.inference.weighing import odds_of_further, weigh, weigh_further
 
@@ -245,3 +246,30 @@ def test_of_second_effects_one_elsewhere_ranks_before_one_that_may_mend_the_form
     }
     found = {h.name: h.probability for h in weigh([*hypotheses, *pairs.values()], n_effects=N_EFFECTS)}
     assert found[pairs[elsewhere].name] > 0.8 > 0.1 > found[pairs[mends].name]
+
+
+def answer_of(**probabilities):
+    """Answer of a posterior; names of effects are joined by "_and_"."""
+    hypotheses = [
+        Hypothesis(other=name, log_evidence=0.0, probability=p) if name in OTHERS else
+        Hypothesis(effects=tuple(name.split("_and_")), log_evidence=0.0, probability=p)
+        for name, p in sorted(probabilities.items(), key=lambda one: -one[1])
+    ]  # fmt: skip
+    return Posterior(
+        hypotheses=tuple(hypotheses), explanations=(), strokes={}, finding=None, unlisted={"": 0.0},
+        dispersion=np.ones(1), little={}, freed=(),
+    ).best.name  # fmt: skip
+
+
+def test_an_effect_that_is_likelier_there_than_not_is_named():
+    assert answer_of(unknown=0.45, clock=0.3, clock_and_teeth=0.25) == "clock"
+    assert answer_of(unknown=0.4, clock_and_teeth=0.35, clock=0.25) == "clock + teeth"
+
+
+def test_claims_that_have_no_effect_in_common_do_not_add_up():
+    assert answer_of(unknown=0.4, clock=0.3, wear=0.3) == "unknown"
+    assert answer_of(no_gap=0.4, clock=0.3, clock_and_teeth=0.19, unknown=0.11) == "no_gap"
+
+
+def test_the_likeliest_claim_stays_the_answer():
+    assert answer_of(clock_and_teeth=0.4, clock=0.35, unknown=0.25) == "clock + teeth"
