@@ -10,7 +10,6 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
-import numpy as np
 from sawbench.diagnosis.inference.evidence import Explanation
 from sawbench.diagnosis.inference.hypothesis import Hypothesis
 from sawbench.diagnosis.inference.settings import Settings, Strokes
@@ -39,7 +38,7 @@ class StrokesSay:
     beside_cutting : float
         Where another effect may.
     size, size_std : float
-        Of the reported parameter.
+        Of the reported parameter; infinite where strokes say whether the effect is there and not how large it is.
     words : str
         What was found, for the report; empty where the size says it all.
     """
@@ -172,7 +171,7 @@ def zeros_say(effects: Sequence[Effect], wander: ZeroWander | None) -> dict[str,
     """
     return {
         e.name: StrokesSay(
-            effect=e, alone=wander.of_drift, beside_cutting=wander.of_drift, size=0.0, size_std=float(np.inf)
+            effect=e, alone=wander.of_drift, beside_cutting=wander.of_drift, size=0.0, size_std=math.inf
         )
         for e in effects if wander is not None and isinstance(e.strokes, ZeroTrend)
     }  # fmt: skip
@@ -273,7 +272,7 @@ def sized_by_strokes(explanation: Explanation, said: Mapping[str, StrokesSay]) -
         With the depth of a wave or the size of a trend; others as they were.
     """
     found = said.get(explanation.effect.name)
-    if found is None or found.beside_cutting <= 0.0:
+    if found is None or found.beside_cutting <= 0.0 or not math.isfinite(found.size_std):
         return explanation
     if found.is_trend and found.size_std * abs(explanation.strength) > explanation.strength_std * abs(found.size):
         return explanation
