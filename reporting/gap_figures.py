@@ -108,8 +108,8 @@ def strokes_picture(strokes: Sequence[Mapping[str, Any]], after: str, after_word
     return Picture(
         svg=svg,
         caption="Mean stroke of a trial, measured and simulated, up to the highest harmonic that is compared. The"
-        " model was fitted to other trials only; k_Fc of the workpiece was fitted to the force of this trial. RMSE in each"
-        " panel: model as configured →"
+        " model was fitted to other trials only; k_Fc of the workpiece was fitted to the force of this trial. RMSE in"
+        " each panel: model as configured →"
         f" re-tuned{' → with the cause' if after == 'with_effect' else ''}.",
     )
 
