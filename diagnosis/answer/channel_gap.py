@@ -227,6 +227,7 @@ def _cycle(baseline: Baseline, part: Part, strokes: _Strokes) -> Cycle:
     What a form goes on to do beyond that was compared with nothing.
     """
     state, measured, scatter = part.state, {}, {}
+    explained = _explained(baseline, state)
     predicted: dict[str, dict[str, Floats]] = {name: {} for name in strokes.found}
     compared = max(part.layout.n_harmonics[equation] for equation in part.layout.equations)
     for channel, attribute, _ in CHANNELS:
@@ -235,7 +236,7 @@ def _cycle(baseline: Baseline, part: Part, strokes: _Strokes) -> Cycle:
             continue
         highest = int(min(compared, state.resolved_orders.get(attribute, np.inf)))
         measured[channel] = up_to_harmonic(getattr(strokes.stroke, attribute)[0], highest)
-        scatter[channel] = _std_of_mean(up_to_harmonic(units, highest), _explained(baseline, state))
+        scatter[channel] = _std_of_mean(up_to_harmonic(units, highest), explained)
         for name, prediction in strokes.found.items():
             predicted[name][channel] = up_to_harmonic(getattr(prediction.state, attribute)[0], highest)
     return Cycle(

@@ -89,7 +89,7 @@ def _shared_with_unlisted(problem: LinearProblem, posterior: Posterior, predicti
     """
     odds: dict[Hypothesis, float] = {}
     for claim in posterior.claims:
-        carried = carried_by_strokes(problem, posterior, claim)
+        carried = carried_by_strokes(posterior, claim)
         in_means = [m for m in claim.members if m.effect.name not in carried]
         if claim.probability > problem.settings.report.shown_probability and in_means:
             ladder, equations = predictions.beyond_a_little(claim), equations_of(problem, in_means)
@@ -104,7 +104,7 @@ def _shared_with_unlisted(problem: LinearProblem, posterior: Posterior, predicti
     return _with_probabilities(posterior, probabilities)
 
 
-def carried_by_strokes(problem: LinearProblem, posterior: Posterior, hypothesis: Hypothesis) -> list[str]:
+def carried_by_strokes(posterior: Posterior, hypothesis: Hypothesis) -> list[str]:
     """Effects of a hypothesis that the single strokes show."""
     said = posterior.strokes
     return [name for name in hypothesis.effects if name in said and said[name].beside_cutting > 0.0]
@@ -142,7 +142,7 @@ def _failing(problem: LinearProblem, posterior: Posterior, predictions: Predicti
     every machine must not take the place of a cause.
     """
     best = posterior.best
-    carried = carried_by_strokes(problem, posterior, best)
+    carried = carried_by_strokes(posterior, best)
     in_means = tuple(name for name in best.effects if name not in carried)
     # Those that mean strokes show close the gap alone, or beside the others: strokes may carry what means show too.
     closes = bool(in_means) and any(
@@ -176,7 +176,7 @@ def _with_background(
             continue
         tried = replace(posterior, hypotheses=(claim, *(h for h in posterior.hypotheses if h is not claim)))
         member = next(m for m in predictions.sized(claim) if m.effect.name == further)
-        by_strokes = further in carried_by_strokes(problem, tried, claim)
+        by_strokes = further in carried_by_strokes(tried, claim)
         if not is_cause(problem, tried, predictions, member, by_strokes=by_strokes):
             return tried, member
     return None

@@ -225,7 +225,7 @@ def _cause(
         "form": [words if len(forms) == 1 else f"{name} {words}" for name, words in forms.items() if words],
         "gap_closed": closed,
         "gap_closed_ci95": list(interval),
-        "carried_by_strokes": carried_by_strokes(problem, posterior, hypothesis),
+        "carried_by_strokes": carried_by_strokes(posterior, hypothesis),
     }
 
 

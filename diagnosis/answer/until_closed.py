@@ -216,7 +216,7 @@ def closing_table(closing: Closing) -> dict[str, Any]:
                 "parameters": stated[rung.effect], "with_effect": rung.with_effect,
                 "gap_closed": rung.closed, "gap_closed_ci95": list(rung.closed_ci95),
                 "added": rung.added, "added_ci95": list(rung.added_ci95),
-                "carried_by_strokes": rung.effect in carried_by_strokes(answer.problem, answer.posterior, best),
+                "carried_by_strokes": rung.effect in carried_by_strokes(answer.posterior, best),
             }
             for rung in closing.rungs
         ],

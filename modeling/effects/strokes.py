@@ -65,7 +65,7 @@ class StrokeTrend:
 class ZeroTrend:
     """The zero of the force, which the middle of every return stroke reads, goes its way over the session.
 
-    Where the zero wanders as well, no mean stroke of a withheld trial can tell the two; the zeros of later trials can.
+    Where the zero wanders as well, no mean stroke of a withheld trial can tell the two; the zeros of all trials can.
     """
 
 
