@@ -21,6 +21,7 @@ from sawbench.diagnosis.hardness import with_guesses
 from sawbench.diagnosis.inference.off_stroke import OffStroke, off_stroke
 from sawbench.diagnosis.inference.settings import SETTINGS
 from sawbench.diagnosis.inference.stroke_series import StrokeSeries, stroke_series
+from sawbench.diagnosis.instrument_rates import with_samples
 from sawbench.diagnosis.late_clock import without_common_delay
 from sawbench.diagnosis.plants.jigsaw import Jigsaw
 from sawbench.diagnosis.plants.plant import Plant
@@ -190,7 +191,12 @@ def _tracked(recordings: Sequence[Recording], config: BenchConfig) -> list[Track
     from sawbench.processing.process import track_strokes
 
     signals = [signal for recording in recordings for signal in recording.signals.values()]
-    return on_two_cores(lambda recording: track_strokes(recording, config), recordings, known=signals)
+    tracked = on_two_cores(lambda recording: track_strokes(recording, config), recordings, known=signals)
+    sampled = with_samples(recordings, tracked)
+    return [
+        trial if now is before else track_strokes(now, config)
+        for before, now, trial in zip(recordings, sampled, tracked, strict=True)
+    ]
 
 
 def _unusable(trial: TrackedTrial) -> str:

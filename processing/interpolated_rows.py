@@ -65,7 +65,7 @@ def without_interpolated_rows(time_s: Floats, values: Floats) -> tuple[Floats, F
     """
     if len(values) < 3:
         return time_s, values
-    digit = _last_digit(values)
+    digit = last_digit(values)
     for every in _EVERY:
         some_s, some = time_s[::every], values[::every]
         clock = _clock_of_corners(some_s, some, digit) if len(some) > 3 else None
@@ -111,7 +111,7 @@ def _corners(time_s: Floats, values: Floats, at_s: Floats) -> tuple[Floats, Floa
     return at_s, np.asarray(0.5 * (before + after), dtype=np.float64)
 
 
-def _last_digit(values: Floats) -> float:
+def last_digit(values: Floats) -> float:
     """What all values are multiples of: a power of ten, or the larger step of a converter, which need not be one.
 
     0 where they have more digits than a table writes.

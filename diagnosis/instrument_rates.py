@@ -1,0 +1,134 @@
+"""One rate of each instrument in all trials of a campaign: where one trial hides it, the others tell."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Final
+
+import numpy as np
+from sawbench.bench.processed import TrackedTrial
+from sawbench.bench.recording import Recording, Signal
+from sawbench.bench.second_core import on_two_cores
+from sawbench.processing.held_values import alignment_of_rows
+from sawbench.processing.hidden_samples import hidden_period, is_hidden_by, samples_at_period
+from sawbench.processing.interpolated_rows import last_digit
+
+# A table has more rows than an instrument has samples by at least this factor where they are no samples.
+_SLOWER: Final = 1.4
+# Trials in which a period is looked for, from the slowest to the fastest; those that show the same one, at the least.
+_LOOKED_AT, _LEAST_TRIALS = 5, 2
+# By how much the periods of one clock may differ, and stroke rates of one operating point.
+_ALIKE: Final = 0.01
+
+
+def with_samples(
+    recordings: Sequence[Recording], tracked: Sequence[TrackedTrial]
+) -> list[Recording]:  # fmt: skip
+    """Keep the samples of instruments that are slower than a table's rows, also where one trial does not show it.
+
+    Parameters
+    ----------
+    recordings : sequence of Recording
+    tracked : sequence of TrackedTrial
+        Of each recording, without the rows between the samples that it shows by itself.
+
+    Returns
+    -------
+    list of Recording
+        The same ones where nothing changes.
+    """
+    seen = _seen(recordings, tracked)
+    periods_s = {name: _common(of_trials) for name, of_trials in seen.items()}
+    known = {name: period_s for name, period_s in periods_s.items() if period_s is not None}
+    found = []
+    for at, recording in enumerate(recordings):
+        unseen = {name: period_s for name, period_s in known.items() if at in seen[name].without}
+        found.append(_sampled(recording, unseen) if unseen else recording)
+    return found
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class _Seen:
+    """One channel in all trials.
+
+    Attributes
+    ----------
+    shown : tuple of (period_s, rate_hz)
+        Sample period of the instrument, of trials that show it, and their stroke rate.
+    without : frozenset of int
+        Places of the trials in which every row may be a sample.
+    n_looked_at : int
+    """
+
+    shown: tuple[tuple[float, float], ...]
+    without: frozenset[int]
+    n_looked_at: int
+
+
+def _seen(recordings: Sequence[Recording], tracked: Sequence[TrackedTrial]) -> dict[str, _Seen]:
+    """What the trials show of every channel that is slower than its rows, or may be."""
+    rates_hz = [_stroke_rate_hz(trial) for trial in tracked]
+    shown: dict[str, list[tuple[float, float]]] = {}
+    without: dict[str, list[int]] = {}
+    for at, (recording, trial) in enumerate(zip(recordings, tracked, strict=True)):
+        for quality in trial.quality:
+            if len(recording.signals[quality.channel].values) > _SLOWER * quality.n_samples:
+                shown.setdefault(quality.channel, []).append((1.0 / quality.rate_hz, rates_hz[at]))
+            else:
+                without.setdefault(quality.channel, []).append(at)
+    asked = []
+    for name, places in without.items():
+        if len(shown.get(name, ())) < _LEAST_TRIALS:
+            by_rate = sorted(places, key=lambda at: rates_hz[at])
+            some = np.unique(np.linspace(0, len(by_rate) - 1, _LOOKED_AT).astype(int))
+            asked += [(name, by_rate[k]) for k in some]
+    hidden = on_two_cores(lambda one: _hidden_period(recordings[one[1]].signals[one[0]]), asked)
+    looked_at = {name: len(of_trials) for name, of_trials in shown.items()}
+    for (name, at), (is_hidden, period_s) in zip(asked, hidden, strict=True):
+        looked_at[name] = looked_at.get(name, 0) + is_hidden
+        if period_s is not None:
+            shown.setdefault(name, []).append((period_s, rates_hz[at]))
+    return {
+        name: _Seen(shown=tuple(of_trials), without=frozenset(without.get(name, ())), n_looked_at=looked_at[name])
+        for name, of_trials in shown.items()
+    }  # fmt: skip
+
+
+def _stroke_rate_hz(trial: TrackedTrial) -> float:
+    """0 where there is no angle."""
+    return 0.0 if trial.angle is None else float(np.median(trial.angle.speed_rad_s)) / (2.0 * np.pi)
+
+
+def _hidden_period(signal: Signal) -> tuple[bool, float | None]:
+    """Whether the last digit may hide samples, and the period that they show all the same."""
+    digit = last_digit(signal.values) if len(signal.values) > 1 else 0.0
+    is_hidden = is_hidden_by(signal.values, digit)
+    return is_hidden, hidden_period(signal.time_s, signal.values, digit) if is_hidden else None
+
+
+def _common(seen: _Seen) -> float | None:
+    """Period that most trials show, of different stroke rates: what the machine does has another one at each, s."""
+    periods_s, rates_hz = np.array(seen.shown).T
+    middle_s = float(np.median(periods_s))
+    is_alike = np.abs(periods_s / middle_s - 1.0) < _ALIKE
+    alike_hz = rates_hz[is_alike]
+    if 2 * len(alike_hz) <= seen.n_looked_at or len(alike_hz) < _LEAST_TRIALS:
+        return None
+    return middle_s if np.ptp(alike_hz) > _ALIKE * alike_hz.max() else None
+
+
+def _sampled(recording: Recording, periods_s: Mapping[str, float]) -> Recording:
+    """Keep of rows the samples of instruments of known periods; the same where they were not made of such samples."""
+    changed = {}
+    for name, period_s in periods_s.items():
+        signal = recording.signals[name]
+        row_s = float(np.median(np.diff(signal.time_s)))
+        digit = last_digit(signal.values)
+        if digit > 0.0 and period_s > _SLOWER * row_s:
+            found = samples_at_period(signal.time_s, signal.values, period_s, digit)
+            if found is not None:
+                time_s, values = found
+                alignment = alignment_of_rows(signal.time_s, time_s)
+                changed[name] = replace(signal, time_s=time_s, values=values, raw=None, alignment=alignment)
+    return replace(recording, signals={**recording.signals, **changed}) if changed else recording
