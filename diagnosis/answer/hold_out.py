@@ -427,7 +427,7 @@ def grams_without_each(columns: Floats, groups: Mapping[str, np.ndarray]) -> dic
         No row is in two of them.
     """
     always = columns[~np.any(list(groups.values()), axis=0)]
-    of_each = {group: columns[rows].T @ columns[rows] for group, rows in groups.items()}
+    of_each = {group: own.T @ own for group, own in ((group, columns[rows]) for group, rows in groups.items())}
     return {
         group: sum((own for name, own in of_each.items() if name != group), start=always.T @ always)
         for group in of_each

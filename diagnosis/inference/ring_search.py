@@ -178,6 +178,8 @@ def _lacking(strokes: list[_Stroke], resonance: Effect, place: Floats) -> float:
 
     All of the force rings but for the error of a gain, or any share of it.
     """
+    from scipy.linalg import lstsq
+
     known = _ring(resonance, place)
     columns, data, n_free = [], [], strokes[0].free.shape[1]
     for at, stroke in enumerate(strokes):
@@ -190,7 +192,7 @@ def _lacking(strokes: list[_Stroke], resonance: Effect, place: Floats) -> float:
     whole, force_n = np.vstack(columns), np.concatenate(data)
     scale = np.sqrt(np.sum(whole**2, axis=0))
     whole = whole[:, scale > 0.0] / scale[scale > 0.0]
-    size = np.linalg.lstsq(whole, force_n, rcond=_LEAST_DIRECTION)[0]
+    size = lstsq(whole, force_n, cond=_LEAST_DIRECTION, lapack_driver="gelsy", check_finite=False)[0]
     left = force_n - whole @ size
     cost = float(np.log1p(((1.0 - place[2]) / _GAIN_STD) ** 2)) if place[2] else 0.0
     return 0.5 * len(left) * float(np.log(max(left @ left, _NOTHING))) + cost

@@ -303,7 +303,8 @@ class Effect:
 
     def carried_by(self, form: Mapping[str, float]) -> str | None:
         """Name of the number that is the strength, of the form that has these other numbers; None where none is."""
-        return next((key for key in self.carries if {*form, key} in [set(shape) for shape in self.shapes]), None)
+        named = (key for key in self.carries if any(shape.keys() == {*form, key} for shape in self.shapes))
+        return next(named, None)
 
     def amplitude(self, coefficients: Floats) -> float:
         """Size, in multiples of the typical one, that goes with the fitted coefficients of one shape."""
