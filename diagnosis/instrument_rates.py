@@ -22,9 +22,7 @@ _LOOKED_AT, _LEAST_TRIALS = 5, 2
 _ALIKE: Final = 0.01
 
 
-def with_samples(
-    recordings: Sequence[Recording], tracked: Sequence[TrackedTrial]
-) -> list[Recording]:  # fmt: skip
+def with_samples(recordings: Sequence[Recording], tracked: Sequence[TrackedTrial]) -> list[Recording]:
     """Keep the samples of instruments that are slower than a table's rows, also where one trial does not show it.
 
     Parameters
@@ -73,10 +71,10 @@ def _seen(recordings: Sequence[Recording], tracked: Sequence[TrackedTrial]) -> d
     without: dict[str, list[int]] = {}
     for at, (recording, trial) in enumerate(zip(recordings, tracked, strict=True)):
         for quality in trial.quality:
-            if len(recording.signals[quality.channel].values) > _SLOWER * quality.n_samples:
-                shown.setdefault(quality.channel, []).append((1.0 / quality.rate_hz, rates_hz[at]))
-            else:
+            if len(recording.signals[quality.channel].values) <= _SLOWER * quality.n_samples:
                 without.setdefault(quality.channel, []).append(at)
+            elif quality.rate_hz > 0.0:
+                shown.setdefault(quality.channel, []).append((1.0 / quality.rate_hz, rates_hz[at]))
     asked = []
     for name, places in without.items():
         if len(shown.get(name, ())) < _LEAST_TRIALS:
@@ -123,9 +121,8 @@ def _sampled(recording: Recording, periods_s: Mapping[str, float]) -> Recording:
     changed = {}
     for name, period_s in periods_s.items():
         signal = recording.signals[name]
-        row_s = float(np.median(np.diff(signal.time_s)))
-        digit = last_digit(signal.values)
-        if digit > 0.0 and period_s > _SLOWER * row_s:
+        digit = last_digit(signal.values) if signal.rate_hz * period_s > _SLOWER else 0.0
+        if digit > 0.0:
             found = samples_at_period(signal.time_s, signal.values, period_s, digit)
             if found is not None:
                 time_s, values = found

@@ -19,7 +19,7 @@ _PHASES, _TRIED_PERIODS = 2, 200
 # Rows that a period is looked for in, those on either side of which a value is compared, and the least of a period.
 _LOOKED_AT, _LAGS, _LEAST_ROWS = 32_768, (1, 4, 16), 3.0
 # Lines of each spectrum that are tried, how much above the others they are, and how finely it is drawn.
-_LINES, _ABOVE, _PADDED = 3, 8.0, 4
+_LINES, _ABOVE, _PADDED = 3, 8.0, 8
 # Periods in the rows, at the least.
 _LEAST_PERIODS = 50
 # Variance of what rounding misses, of the digit squared, and by how much more samples that are early or late may miss.
@@ -81,16 +81,14 @@ def hidden_period(time_s: Floats, values: Floats, digit: float) -> float | None:
 
 def _likely_corners(values: Floats) -> list[tuple[float, float]]:
     """Periods that second differences have, and one corner of each, in rows."""
-    from scipy.fft import next_fast_len, rfft
-
     found = []
     for lag in _LAGS:
         if len(values) < 2 * (lag + _LEAST_PERIODS):
             break
         bend = np.abs(values[2 * lag :] - 2.0 * values[lag:-lag] + values[: -2 * lag])
         bend = bend - bend.mean()
-        n = next_fast_len(_PADDED * len(bend), real=True)
-        size = np.abs(rfft(bend, n))
+        n = 1 << (_PADDED * len(bend)).bit_length()
+        size = np.abs(np.fft.rfft(bend, n))
         first, last = int(np.ceil(_LEAST_PERIODS * n / len(bend))), int(n / _LEAST_ROWS)
         usual = _ABOVE * np.median(size[first:last])
         is_line = (size[1:-1] > size[:-2]) & (size[1:-1] >= size[2:]) & (size[1:-1] > usual)
@@ -154,7 +152,8 @@ def _steps(time_s: Floats, values: Floats, start_s: float, period_s: float) -> t
     n_rows = np.bincount(place)
     mean = np.bincount(place, values) / np.maximum(n_rows, 1)
     there = np.flatnonzero(n_rows)
-    return start_s + period_s * (first + there), mean[there], mean[place]
+    at_s = start_s + period_s * (first + there).astype(np.float64)
+    return at_s, mean[there], mean[place]
 
 
 def _lines(time_s: Floats, values: Floats, start_s: float, period_s: float) -> tuple[Floats, Floats, Floats]:
@@ -168,15 +167,14 @@ def _lines(time_s: Floats, values: Floats, start_s: float, period_s: float) -> t
     n = int(corner[-1]) + 2
 
     def at_corners(before: Floats, behind: Floats) -> Floats:
-        return np.bincount(corner, before, n) + np.bincount(corner + 1, behind, n)
+        return np.asarray(np.bincount(corner, before, n) + np.bincount(corner + 1, behind, n), dtype=np.float64)
 
     diagonal = at_corners((1.0 - after) ** 2, after**2)
     beside = np.bincount(corner + 1, after * (1.0 - after), n)
     # A corner that no row tells of, in a hole, is zero; it is left out.
     is_told = diagonal > 0.0
-    own = solveh_banded(
-        np.vstack([beside, np.where(is_told, diagonal, 1.0)]),
-        at_corners((1.0 - after) * values, after * values),
-    )
-    rows = (1.0 - after) * own[corner] + after * own[corner + 1]
-    return start_s + period_s * (first + np.flatnonzero(is_told)), own[is_told], rows
+    moments = at_corners((1.0 - after) * values, after * values)
+    own = np.asarray(solveh_banded(np.vstack([beside, np.where(is_told, diagonal, 1.0)]), moments))
+    rows = np.asarray((1.0 - after) * own[corner] + after * own[corner + 1], dtype=np.float64)
+    at_s = start_s + period_s * (first + np.flatnonzero(is_told)).astype(np.float64)
+    return at_s, own[is_told], rows

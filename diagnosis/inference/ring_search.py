@@ -192,8 +192,9 @@ def _lacking(strokes: list[_Stroke], resonance: Effect, place: Floats) -> float:
     whole, force_n = np.vstack(columns), np.concatenate(data)
     scale = np.sqrt(np.sum(whole**2, axis=0))
     whole = whole[:, scale > 0.0] / scale[scale > 0.0]
-    size = lstsq(whole, force_n, cond=_LEAST_DIRECTION, lapack_driver="gelsy", check_finite=False)[0]
-    left = force_n - whole @ size
+    solved = lstsq(whole, force_n, cond=_LEAST_DIRECTION, lapack_driver="gelsy", check_finite=False)
+    assert solved is not None
+    left = force_n - whole @ solved[0]
     cost = float(np.log1p(((1.0 - place[2]) / _GAIN_STD) ** 2)) if place[2] else 0.0
     return 0.5 * len(left) * float(np.log(max(left @ left, _NOTHING))) + cost
 
