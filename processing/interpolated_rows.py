@@ -21,6 +21,9 @@ _LEAST_ROWS = 3.0
 _HOLE_ROWS = 1.5
 # Of the channel's standard deviation: what lines between the corners may miss the rows by.
 _MISSED = 0.05
+# Lines with their corners half a period later miss them by more, at least by this factor: a smooth signal is nearly
+# straight between any corners.
+_OTHERWISE = 2.0
 # Where a row changes the value by less than its last digit, every fourth one may show the corners, or every sixteenth.
 _EVERY = (1, 4, 16, 64)
 _MOST_DIGITS = 9
@@ -71,12 +74,9 @@ def without_interpolated_rows(time_s: Floats, values: Floats) -> tuple[Floats, F
         clock = _clock_of_corners(some_s, some, digit) if len(some) > 3 else None
         if clock is not None:
             at_s, period_s = clock
-            first, last = (some_s[1] - at_s) / period_s, (some_s[-2] - at_s) / period_s
-            own_s = at_s + period_s * np.arange(np.ceil(first), np.floor(last) + 1.0)
-            own_s, own = _corners(some_s, some, own_s)
-            within = slice(*np.searchsorted(time_s, own_s[[0, -1]]))
-            missed = values[within] - np.interp(time_s[within], own_s, own)
-            if np.std(missed) < _MISSED * np.std(values):
+            own_s, own, missed = _lines(time_s, values, some_s, some, at_s, period_s)
+            other = _lines(time_s, values, some_s, some, at_s + 0.5 * period_s, period_s)[2]
+            if missed < min(_MISSED * float(np.std(values)), other / _OTHERWISE):
                 return own_s, own
     return time_s, values
 
@@ -97,6 +97,16 @@ def _clock_of_corners(time_s: Floats, values: Floats, digit: float) -> tuple[flo
     before, at = (first - is_single)[is_corner], (last + is_single)[is_corner]
     clock = clock_of(time_s[before], time_s[at]) if np.mean(is_corner) > _LEAST_STRAIGHT else None
     return None if clock is None or clock[1] < _LEAST_ROWS * np.median(rows_s) else clock
+
+
+def _lines(
+    time_s: Floats, values: Floats, some_s: Floats, some: Floats, at_s: float, period_s: float
+) -> tuple[Floats, Floats, float]:  # fmt: skip
+    """Corners that some rows show at the times of a clock, and what lines between them miss all rows by."""
+    first, last = (some_s[1] - at_s) / period_s, (some_s[-2] - at_s) / period_s
+    own_s, own = _corners(some_s, some, at_s + period_s * np.arange(np.ceil(first), np.floor(last) + 1.0))
+    within = slice(*np.searchsorted(time_s, own_s[[0, -1]]))
+    return own_s, own, float(np.std(values[within] - np.interp(time_s[within], own_s, own)))
 
 
 def _corners(time_s: Floats, values: Floats, at_s: Floats) -> tuple[Floats, Floats]:

@@ -127,3 +127,15 @@ def test_the_channel_says_so_and_its_times_are_known_to_a_period():
     assert len(clean.values) == pytest.approx(len(values), abs=3)
     assert any("20 rows for each sample" in problem for problem in clean.quality.problems)
     assert clean.alignment.latency_s == pytest.approx(5e-3, rel=1e-3)
+
+
+@pytest.mark.parametrize("own_hz", [4100.0, 4800.0, 7800.0, 13_300.0])
+@pytest.mark.parametrize("stroke_hz", [11.6, 14.4, 15.6, 18.0, 22.6])
+def test_a_fast_instrument_whose_last_sample_a_table_takes_is_no_slow_one(stroke_hz, own_hz):
+    """The rows come late by a share of the instrument's period that changes from row to row, and turns over again."""
+    row_s = 1e-3 * np.arange(1, 5000)
+    held_s = np.floor(row_s * own_hz) / own_hz
+    displacement = 10.0 - 10.0 * np.cos(2 * np.pi * stroke_hz * held_s)
+    found_s, found = own_samples(row_s, displacement)
+    assert found is displacement
+    assert found_s is row_s
