@@ -8,9 +8,9 @@ from typing import Final
 
 import numpy as np
 from sawbench.bench.processed import TrackedTrial
-from sawbench.bench.recording import Recording, Signal
+from sawbench.bench.recording import Floats, Recording, Signal
 from sawbench.bench.second_core import on_two_cores
-from sawbench.processing.held_values import alignment_of_rows
+from sawbench.processing.held_values import BUSY_BUS, alignment_of_rows, without_repeats
 from sawbench.processing.hidden_samples import hidden_period, is_hidden_by, samples_at_period
 from sawbench.processing.interpolated_rows import last_digit
 
@@ -99,7 +99,10 @@ def _stroke_rate_hz(trial: TrackedTrial) -> float:
 
 
 def _hidden_period(signal: Signal) -> tuple[bool, float | None]:
-    """Whether the last digit may hide samples, and the period that they show all the same."""
+    """Whether a busy bus or the last digit may hide samples, and the period that they show all the same."""
+    own_s, _ = without_repeats(signal.time_s, signal.values, BUSY_BUS)
+    if len(own_s) < len(signal.values):
+        return True, float(np.median(np.diff(own_s)))
     digit = last_digit(signal.values) if len(signal.values) > 1 else 0.0
     is_hidden = is_hidden_by(signal.values, digit)
     return is_hidden, hidden_period(signal.time_s, signal.values, digit) if is_hidden else None
@@ -121,11 +124,18 @@ def _sampled(recording: Recording, periods_s: Mapping[str, float]) -> Recording:
     changed = {}
     for name, period_s in periods_s.items():
         signal = recording.signals[name]
-        digit = last_digit(signal.values) if signal.rate_hz * period_s > _SLOWER else 0.0
-        if digit > 0.0:
-            found = samples_at_period(signal.time_s, signal.values, period_s, digit)
-            if found is not None:
-                time_s, values = found
-                alignment = alignment_of_rows(signal.time_s, time_s)
-                changed[name] = replace(signal, time_s=time_s, values=values, raw=None, alignment=alignment)
+        found = _at_period(signal, period_s) if signal.rate_hz * period_s > _SLOWER else None
+        if found is not None:
+            time_s, values = found
+            alignment = alignment_of_rows(signal.time_s, time_s)
+            changed[name] = replace(signal, time_s=time_s, values=values, raw=None, alignment=alignment)
     return replace(recording, signals={**recording.signals, **changed}) if changed else recording
+
+
+def _at_period(signal: Signal, period_s: float) -> tuple[Floats, Floats] | None:
+    """Samples of an instrument of that period that a table holds or draws lines between; None where it does neither."""
+    own_s, own = without_repeats(signal.time_s, signal.values, BUSY_BUS)
+    if abs(float(np.median(np.diff(own_s))) / period_s - 1.0) < _ALIKE:
+        return own_s, own
+    digit = last_digit(signal.values)
+    return samples_at_period(signal.time_s, signal.values, period_s, digit) if digit > 0.0 else None

@@ -23,8 +23,8 @@ _RATES = (0.7, 1.4)
 # Cells of a median time in which updates are counted, and how often longer than the channel the counts are.
 _CELLS, _PADDED = 8, 2
 # Share of its period by which an instrument's updates may be off its clock: of messages of a bus a standard deviation
-# of 2 %.
-_JITTER = 0.05
+# of 2 %, on a busy one of 10 %. Coarse steps may have such a clock too, of the machine's.
+QUIET_BUS, BUSY_BUS = 0.05, 0.2
 # Of the updates that no chance explains, those that come between their row and the row before by one clock: of held
 # channels nearly all, of coarse steps of any other few. Most are a single period apart.
 _EXPLAINED = 0.8
@@ -40,12 +40,14 @@ _MOST_TRIED = 1000
 _ORDINARY_S = 1e-4
 
 
-def without_repeats(time_s: Floats, values: Floats) -> tuple[Floats, Floats]:
+def without_repeats(time_s: Floats, values: Floats, jitter: float = QUIET_BUS) -> tuple[Floats, Floats]:
     """Keep one sample of each period in which a value was held.
 
     Parameters
     ----------
     time_s, values : ndarray, shape (n,)
+    jitter : float
+        Share of the period by which the updates may be off their clock.
 
     Returns
     -------
@@ -63,24 +65,26 @@ def without_repeats(time_s: Floats, values: Floats) -> tuple[Floats, Floats]:
     if len(values) <= _LEAST_UPDATES:
         return time_s, values
     change = np.abs(np.diff(values))
-    held = _held(time_s, values, np.flatnonzero(change) + 1)
+    held = _held(time_s, values, np.flatnonzero(change) + 1, jitter)
     if held is None and change.any():
         # What is picked up behind the instrument, and rounded, changes a held value from row to row as well.
         noise = max(
             _NOISE * float(np.quantile(change, 1.0 - _LEAST_EQUAL)), _DIGITS * float(change[change > 0.0].min())
         )
         updates = np.flatnonzero(change > noise) + 1
-        held = _held(time_s, values, updates)
+        held = _held(time_s, values, updates, jitter)
         if held is not None and not _stays(held, time_s[updates], values[updates] - values[updates - 1]):
             held = None
     return (time_s, values) if held is None else held
 
 
-def _held(time_s: Floats, values: Floats, updates: NDArray[np.int64]) -> tuple[Floats, Floats] | None:
+def _held(
+    time_s: Floats, values: Floats, updates: NDArray[np.int64], jitter: float
+) -> tuple[Floats, Floats] | None:  # fmt: skip
     """One sample of each period, where one clock explains in which rows the value is another; None elsewhere."""
     if len(updates) < _LEAST_UPDATES or len(updates) > (1.0 - _LEAST_EQUAL) * len(values):
         return None
-    clock = clock_of(time_s[updates - 1], time_s[updates])
+    clock = clock_of(time_s[updates - 1], time_s[updates], jitter)
     if clock is None or clock[1] < _LEAST_ROWS * float(np.median(np.diff(time_s))):
         return None
     # In the middle of its period a value surely stands in the table; where an update does not change it, it is one too.
@@ -103,12 +107,14 @@ def _stays(held: tuple[Floats, Floats], at_s: Floats, step: Floats) -> bool:
     return float(missed @ missed) < _STAYS * float(step @ step)
 
 
-def clock_of(before_s: Floats, at_s: Floats) -> tuple[float, float] | None:
+def clock_of(before_s: Floats, at_s: Floats, jitter: float = QUIET_BUS) -> tuple[float, float] | None:
     """Time and period of the clock that an instrument's updates keep, each of which came between two times.
 
     Parameters
     ----------
     before_s, at_s : ndarray, shape (n,)
+    jitter : float
+        Share of the period by which they may be off it.
 
     Returns
     -------
@@ -117,14 +123,14 @@ def clock_of(before_s: Floats, at_s: Floats) -> tuple[float, float] | None:
     """
     if len(at_s) < _LEAST_UPDATES:
         return None
-    explained, period_s = _likeliest_period(before_s, at_s)
+    explained, period_s = _likeliest_period(before_s, at_s, jitter)
     singles = np.round(np.diff(at_s) / period_s) == 1.0
     if explained < _EXPLAINED or np.mean(singles) < _SINGLE_SHARE:
         return None
-    return _phase(before_s, at_s, period_s), period_s
+    return _phase(before_s, at_s, period_s, jitter), period_s
 
 
-def _likeliest_period(before_s: Floats, at_s: Floats) -> tuple[float, float]:
+def _likeliest_period(before_s: Floats, at_s: Floats, jitter: float) -> tuple[float, float]:
     """Share of updates that the best clock explains and chance does not; its period.
 
     Near the likeliest period in the spectrum of the updates' times.
@@ -143,19 +149,19 @@ def _likeliest_period(before_s: Floats, at_s: Floats) -> tuple[float, float]:
         some = slice(None, n, n // _MOST_TRIED + 1)
         for tried in _TRIED:
             near_hz = rate_hz + tried / since_s[n - 1]
-            votes = np.array([_votes(before_s[some], at_s[some], 1.0 / float(one)).max() for one in near_hz])
+            votes = np.array([_votes(before_s[some], at_s[some], 1.0 / float(one), jitter).max() for one in near_hz])
             rate_hz = float(near_hz[votes == votes.max()].mean())
         if n == len(at_s):
-            by_chance = min(float(np.median(at_s - before_s)) * rate_hz + 2.0 * _JITTER, 1.0 - 1.0 / n)
-            explained = float(_votes(before_s, at_s, 1.0 / rate_hz).max()) / n
+            by_chance = min(float(np.median(at_s - before_s)) * rate_hz + 2.0 * jitter, 1.0 - 1.0 / n)
+            explained = float(_votes(before_s, at_s, 1.0 / rate_hz, jitter).max()) / n
             return (explained - by_chance) / (1.0 - by_chance), 1.0 / rate_hz
         n = min(_LONGER * n, len(at_s))
 
 
-def _votes(before_s: Floats, at_s: Floats, period_s: float) -> NDArray[np.int64]:
+def _votes(before_s: Floats, at_s: Floats, period_s: float, jitter: float) -> NDArray[np.int64]:
     """For each phase of a clock: how many updates, each between two rows or nearly so, it explains."""
-    first = _PHASES * ((before_s / period_s - _JITTER) % 1.0)
-    length = np.minimum(_PHASES * ((at_s - before_s) / period_s + 2.0 * _JITTER), _PHASES)
+    first = _PHASES * ((before_s / period_s - jitter) % 1.0)
+    length = np.minimum(_PHASES * ((at_s - before_s) / period_s + 2.0 * jitter), _PHASES)
     begun, ended = (
         np.cumsum(np.bincount(np.ceil(ends).astype(np.int64), minlength=2 * _PHASES + 2))[: 2 * _PHASES]
         for ends in (first, first + length)
@@ -163,16 +169,17 @@ def _votes(before_s: Floats, at_s: Floats, period_s: float) -> NDArray[np.int64]
     return (begun - ended).reshape(2, _PHASES).sum(axis=0)
 
 
-def _phase(before_s: Floats, at_s: Floats, period_s: float) -> float:
-    """A time of the clock that explains most updates, in the middle of what those leave free."""
-    votes = _votes(before_s, at_s, period_s)
+def _phase(before_s: Floats, at_s: Floats, period_s: float, jitter: float) -> float:
+    """A time of the clock that explains most updates, in the middle of what those leave free, or of themselves."""
+    votes = _votes(before_s, at_s, period_s, jitter)
     middle = np.exp(2j * np.pi / _PHASES * np.flatnonzero(votes == votes.max())).sum()
     time_s = float(np.angle(middle) / (2.0 * np.pi) * period_s)
-    ends_s = (before_s - _JITTER * period_s, at_s + _JITTER * period_s)
-    early_s, late_s = ((end_s - time_s + 0.5 * period_s) % period_s - 0.5 * period_s for end_s in ends_s)
-    is_explained = (early_s <= 0.0) & (late_s >= 0.0)
+    early_s, late_s = ((end_s - time_s + 0.5 * period_s) % period_s - 0.5 * period_s for end_s in (before_s, at_s))
+    is_explained = (early_s <= jitter * period_s) & (late_s >= -jitter * period_s)
     if is_explained.any():
-        time_s += 0.5 * float(early_s[is_explained].max() + late_s[is_explained].min())
+        early_s, late_s = early_s[is_explained], late_s[is_explained]
+        latest_s, soonest_s = float(early_s.max()), float(late_s.min())
+        time_s += 0.5 * (latest_s + soonest_s if latest_s <= soonest_s else float(np.mean(early_s + late_s)))
     return time_s
 
 

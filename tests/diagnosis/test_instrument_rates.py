@@ -54,3 +54,35 @@ def test_another_rate_of_some_trials_says_nothing_of_the_others(campaign):
     idle = [one for one in recordings if one.trial.is_idle]
     found = sorted(rates_hz([*slow, *idle], loaded))
     assert found[len(slow) :] == pytest.approx([2500.0] * len(idle), rel=0.01)
+
+
+def held_by_a_busy_bus(recording):
+    """The battery current as a table holds it until the next message, each early or late by 10 % of the period."""
+    rng = np.random.default_rng(9)
+    signal = recording.signals[BATTERY]
+    time_s = signal.time_s
+    sampled_s = np.arange(time_s[0] - 0.7 / SLOW_HZ, time_s[-1], 1.0 / SLOW_HZ)
+    arrived_s = np.maximum.accumulate(sampled_s + 0.1 / SLOW_HZ * rng.standard_normal(len(sampled_s)))
+    sent = np.interp(sampled_s, time_s, signal.values)
+    rows = sent[np.clip(np.searchsorted(arrived_s, time_s, side="right") - 1, 0, None)]
+    return replace(recording, signals={**recording.signals, BATTERY: replace(signal, values=np.round(rows, 2))})
+
+
+def test_messages_of_a_busy_bus_are_known_by_the_rate_that_all_trials_share(campaign):
+    recordings, loaded = campaign
+    found = rates_hz([held_by_a_busy_bus(one) for one in recordings], loaded)
+    assert found == pytest.approx([SLOW_HZ] * len(recordings), rel=0.01)
+
+
+@pytest.mark.parametrize("step_a", [0.2, 0.5, 1.0])
+def test_coarse_steps_are_no_messages(campaign, step_a):
+    """They stay for many rows too, for as long as the machine lets them: at another stroke rate another time."""
+    recordings, loaded = campaign
+
+    def coarse(recording):
+        signal = recording.signals[BATTERY]
+        steps = np.round(signal.values / step_a) * step_a
+        return replace(recording, signals={**recording.signals, BATTERY: replace(signal, values=steps)})
+
+    found = rates_hz([coarse(one) for one in recordings], loaded)
+    assert found == pytest.approx([2500.0] * len(found), rel=0.01)
