@@ -190,13 +190,15 @@ def _read(trials: Sequence[TrackedTrial]) -> dict[str, tuple[float, float]]:
 def _tracked(recordings: Sequence[Recording], config: BenchConfig) -> list[TrackedTrial]:
     from sawbench.processing.process import track_strokes
 
-    signals = [signal for recording in recordings for signal in recording.signals.values()]
-    tracked = on_two_cores(lambda recording: track_strokes(recording, config), recordings, known=signals)
-    sampled = with_samples(recordings, tracked)
-    return [
-        trial if now is before else track_strokes(now, config)
-        for before, now, trial in zip(recordings, sampled, tracked, strict=True)
-    ]
+    def tracked(some: Sequence[Recording]) -> list[TrackedTrial]:
+        signals = [signal for recording in some for signal in recording.signals.values()]
+        return on_two_cores(lambda recording: track_strokes(recording, config), some, known=signals)
+
+    trials = tracked(recordings)
+    changed = with_samples(recordings, trials)
+    for at, trial in zip(changed, tracked(list(changed.values())), strict=True):
+        trials[at] = trial
+    return trials
 
 
 def _unusable(trial: TrackedTrial) -> str:

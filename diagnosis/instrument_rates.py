@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Final
 
@@ -22,7 +22,7 @@ _LOOKED_AT, _LEAST_TRIALS = 5, 2
 _ALIKE: Final = 0.01
 
 
-def with_samples(recordings: Sequence[Recording], tracked: Sequence[TrackedTrial]) -> list[Recording]:
+def with_samples(recordings: Sequence[Recording], tracked: Sequence[TrackedTrial]) -> dict[int, Recording]:
     """Keep the samples of instruments that are slower than a table's rows, also where one trial does not show it.
 
     Parameters
@@ -33,17 +33,20 @@ def with_samples(recordings: Sequence[Recording], tracked: Sequence[TrackedTrial
 
     Returns
     -------
-    list of Recording
-        The same ones where nothing changes.
+    dict of int to Recording
+        Those that change, by their place.
     """
     seen = _seen(recordings, tracked)
     periods_s = {name: _common(of_trials) for name, of_trials in seen.items()}
     known = {name: period_s for name, period_s in periods_s.items() if period_s is not None}
-    found = []
-    for at, recording in enumerate(recordings):
-        unseen = {name: period_s for name, period_s in known.items() if at in seen[name].without}
-        found.append(_sampled(recording, unseen) if unseen else recording)
-    return found
+    asked = [(at, name, period_s) for name, period_s in known.items() for at in seen[name].without]
+    sampled = on_two_cores(lambda one: _sampled(recordings[one[0]].signals[one[1]], one[2]), asked)
+    changed: dict[int, Recording] = {}
+    for (at, name, _), signal in zip(asked, sampled, strict=True):
+        if signal is not None:
+            recording = changed.get(at, recordings[at])
+            changed[at] = replace(recording, signals={**recording.signals, name: signal})
+    return changed
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)
@@ -54,13 +57,13 @@ class _Seen:
     ----------
     shown : tuple of (period_s, rate_hz)
         Sample period of the instrument, of trials that show it, and their stroke rate.
-    without : frozenset of int
+    without : tuple of int
         Places of the trials in which every row may be a sample.
     n_looked_at : int
     """
 
     shown: tuple[tuple[float, float], ...]
-    without: frozenset[int]
+    without: tuple[int, ...]
     n_looked_at: int
 
 
@@ -88,7 +91,7 @@ def _seen(recordings: Sequence[Recording], tracked: Sequence[TrackedTrial]) -> d
         if period_s is not None:
             shown.setdefault(name, []).append((period_s, rates_hz[at]))
     return {
-        name: _Seen(shown=tuple(of_trials), without=frozenset(without.get(name, ())), n_looked_at=looked_at[name])
+        name: _Seen(shown=tuple(of_trials), without=tuple(without.get(name, ())), n_looked_at=looked_at[name])
         for name, of_trials in shown.items()
     }  # fmt: skip
 
@@ -119,17 +122,14 @@ def _common(seen: _Seen) -> float | None:
     return middle_s if np.ptp(alike_hz) > _ALIKE * alike_hz.max() else None
 
 
-def _sampled(recording: Recording, periods_s: Mapping[str, float]) -> Recording:
-    """Keep of rows the samples of instruments of known periods; the same where they were not made of such samples."""
-    changed = {}
-    for name, period_s in periods_s.items():
-        signal = recording.signals[name]
-        found = _at_period(signal, period_s) if signal.rate_hz * period_s > _SLOWER else None
-        if found is not None:
-            time_s, values = found
-            alignment = alignment_of_rows(signal.time_s, time_s)
-            changed[name] = replace(signal, time_s=time_s, values=values, raw=None, alignment=alignment)
-    return replace(recording, signals={**recording.signals, **changed}) if changed else recording
+def _sampled(signal: Signal, period_s: float) -> Signal | None:
+    """Signal of the samples alone, of an instrument of that period; None where its rows were not made of them."""
+    found = _at_period(signal, period_s) if signal.rate_hz * period_s > _SLOWER else None
+    if found is None:
+        return None
+    time_s, values = found
+    alignment = alignment_of_rows(signal.time_s, time_s)
+    return replace(signal, time_s=time_s, values=values, raw=None, alignment=alignment)
 
 
 def _at_period(signal: Signal, period_s: float) -> tuple[Floats, Floats] | None:

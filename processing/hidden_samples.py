@@ -61,20 +61,21 @@ def hidden_period(time_s: Floats, values: Floats, digit: float) -> float | None:
     middle = max(0, (len(values) - _LOOKED_AT) // 2)
     time_s, values = time_s[middle : middle + _LOOKED_AT], values[middle : middle + _LOOKED_AT]
     row_s, n = float(np.median(np.diff(time_s))), len(values)
-    tried = []
+    best: tuple[float, float, float, float, Floats] | None = None
     for rows, at in _likely_corners(values):
         start_s, period_s = float(time_s[0]) + row_s * at, row_s * rows
-        missed = float(np.var(values - _lines(time_s, values, start_s, period_s)[2]))
+        _, own, drawn = _lines(time_s, values, start_s, period_s)
+        missed = float(np.var(values - drawn))
         # Half as long a period fits no worse, with twice as many corners.
         cost = n * np.log(max(missed, _ALIKE * digit**2)) + n / rows * np.log(n)
-        tried.append((cost, missed, start_s, period_s))
-    if not tried:
+        if best is None or cost < best[0]:
+            best = cost, missed, start_s, period_s, own
+    if best is None:
         return None
-    _, missed, start_s, period_s = min(tried)
-    own = _lines(time_s, values, start_s, period_s)[1]
+    _, missed, start_s, period_s, own = best
     other = float(np.var(values - _lines(time_s, values, start_s + 0.5 * period_s, period_s)[2]))
     by_chance = np.sqrt(8.0 * row_s / (n * period_s))
-    is_sure = other / missed > 1.0 + _SURELY * by_chance if missed > 0.0 else other > 0.0
+    is_sure = other > missed * (1.0 + _SURELY * by_chance)
     is_seen = np.sqrt(np.mean(np.diff(own) ** 2)) > _LEAST_STEP * digit
     return period_s if missed < _LATE * _VARIANCE * digit**2 and is_sure and is_seen else None
 
@@ -83,7 +84,7 @@ def _likely_corners(values: Floats) -> list[tuple[float, float]]:
     """Periods that second differences have, and one corner of each, in rows."""
     found = []
     for lag in _LAGS:
-        if len(values) < 2 * (lag + _LEAST_PERIODS):
+        if len(values) - 2 * lag <= _LEAST_PERIODS * _LEAST_ROWS + 2:
             break
         bend = np.abs(values[2 * lag :] - 2.0 * values[lag:-lag] + values[: -2 * lag])
         bend = bend - bend.mean()

@@ -102,3 +102,10 @@ def test_a_smooth_signal_that_is_sampled_at_every_row_has_at_most_the_period_of_
         found.append(hidden_period(time_s, rows, step))
     periods_s = [period_s for period_s in found if period_s is not None]
     assert len(set(np.round(periods_s, 4))) == len(periods_s)
+
+
+@pytest.mark.parametrize("n", [3, 60, 110, 140, 160])
+def test_a_short_channel_has_no_period_and_no_warning(n):
+    """Fifty periods of three rows are the least: in a shorter one there is no spectrum to look at."""
+    time_s = 0.05 * np.arange(n)
+    assert hidden_period(time_s, np.round(18.0 - 0.01 * time_s, 2), DIGIT_A) is None
