@@ -54,9 +54,14 @@ def hidden_period(time_s: Floats, values: Floats, digit: float) -> float | None:
     Examples
     --------
     >>> t = np.arange(8000) / 2000
-    >>> rows = np.round(np.interp(t, t[7::20], np.sin(40 * t[7::20])), 1)
-    >>> round(hidden_period(t, rows, 0.1), 5)
+    >>> rows = np.round(np.interp(t, t[7::20], np.sin(40 * t[7::20])), 2)
+    >>> round(hidden_period(t, rows, 0.01), 5)
     0.01
+
+    In steps of a tenth corners bend a row by less than a tenth of a step: too little to tell.
+
+    >>> hidden_period(t, np.round(rows, 1), 0.1) is None
+    True
     """
     middle = max(0, (len(values) - _LOOKED_AT) // 2)
     time_s, values = time_s[middle : middle + _LOOKED_AT], values[middle : middle + _LOOKED_AT]
