@@ -104,7 +104,7 @@ def _likely_corners(values: Floats) -> list[tuple[float, float]]:
             before, at, after = size[line - 1 : line + 2]
             per_row = (line + 0.5 * (before - after) / (before - 2.0 * at + after)) / n
             turned = np.angle(np.exp(-2j * np.pi * per_row * np.arange(len(bend))) @ bend)
-            found.append((1.0 / per_row, lag - turned / (2.0 * np.pi * per_row)))
+            found.append((float(1.0 / per_row), float(lag - turned / (2.0 * np.pi * per_row))))
     return found
 
 
